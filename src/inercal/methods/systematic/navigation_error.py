@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.frames import skew
-from inercal.methods.systematic.alignment import initial_attitudes
-from inercal.methods.systematic.navigation import ImuModel, earth_rate
+from inercal.methods.systematic.navigation import earth_rate
 from inercal.methods.systematic.segments import Segments
 from inercal.motion import Motion
 from inercal.sensors import Sensor
@@ -47,7 +46,7 @@ class PositionDrift(NamedTuple):
 
 
 def velocity_errors(
-    segments: Segments, sensor: Sensor, c: Array, gravity: float, latitude: float
+    segments: Segments, sensor: Sensor, c: Array, attitudes: Array, gravity: float, latitude: float
 ) -> VelocityErrors:
     """Return the velocity errors over each rest, with nominal and with estimated coefficients.
 
@@ -57,11 +56,11 @@ def velocity_errors(
     sensor : Sensor
     c : (p,) array
         Estimated coefficients, SI.
+    attitudes : (m, 3, 3) array
+        C at each rest.
     gravity, latitude : float
         m/s² and rad.
     """
-    model = ImuModel(sensor)
-    attitudes, _ = initial_attitudes(segments, model, c, latitude)
     back = np.swapaxes(attitudes, -1, -2)
     earth = earth_rate(latitude)
     f, w = gravity * back @ _UP, back @ earth

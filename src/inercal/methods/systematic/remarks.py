@@ -7,7 +7,9 @@ import numpy as np
 from inercal.benches.report_data import Panel, Plot, Series
 from inercal.benches.turntable.still_table import StillTable
 from inercal.methods._base import Fit, Remarks
+from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.generalised_least_squares import LAG
+from inercal.methods.systematic.navigation import ImuModel
 from inercal.methods.systematic.navigation_error import (
     VelocityErrors,
     position_drift,
@@ -15,6 +17,7 @@ from inercal.methods.systematic.navigation_error import (
 )
 from inercal.methods.systematic.segment_tests import halves_deviations
 from inercal.methods.systematic.segments import cut_segments
+from inercal.methods.systematic.vertical_turns import vertical_turn_messages
 from inercal.recording import Finding
 from inercal.units import format_quantity, format_value_and_uncertainty
 
@@ -56,7 +59,13 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
         f"{_kilometres(before)} without this calibration, and with it by U = "
         f"{_kilometres(after)} (k = 2; noise and later changes not counted)",
     )
-    errors = velocity_errors(segments, sensor, estimate.value[:p], *place)
+    model = ImuModel(sensor)
+    attitudes, _ = initial_attitudes(segments, model, estimate.value[:p], place[1])
+    errors = velocity_errors(segments, sensor, estimate.value[:p], attitudes, *place)
+    findings += [
+        Finding("warning", "path", text)
+        for text in vertical_turn_messages(attitudes, segments.labels)
+    ]
     return Remarks(
         tuple(findings), notes, {"lag of the accelerometers": lag}, (_velocity_plot(errors),)
     )
