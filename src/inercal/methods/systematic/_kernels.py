@@ -14,26 +14,29 @@ With true C = exp(ψ) C, F = C f, and lag τ of the accelerometers, the sensitiv
 
 and the covariance of (ψ, v) obeys the same equations. They are summed over blocks of samples.
 
+Functions write results to arguments, in place, and allocate nothing: they compile sooner.
+
 Sources: Savage 2000, Strapdown Analytics, chapters 7 (integration) and 18 (errors at turns).
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.estimate.kernel_options import kernel, kernel_step
 
 Indices = NDArray[np.int64]
+VECTORS, MATRICES = 20, 4  # of the working space: (VECTORS, 3) and (MATRICES, 3, 3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _rotate_vector(c: Array, v: Array, out: Array) -> None:
+@kernel_step
+def _apply(c: Array, v: Array, out: Array) -> None:
     """Write C v."""
     for i in range(3):
         out[i] = c[i, 0] * v[0] + c[i, 1] * v[1] + c[i, 2] * v[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel_step
 def _cross(a: Array, b: Array, out: Array) -> None:
     """Write a × b; `out` is neither."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -41,26 +44,38 @@ def _cross(a: Array, b: Array, out: Array) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _rotation(v: Array, out: Array) -> None:
-    """Write exp [v×]."""
-    s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+@kernel_step
+def _copy(v: Array, out: Array) -> None:
+    """Write a vector."""
+    for i in range(3):
+        out[i] = v[i]
+
+
+@kernel_step
+def _copy_matrix(a: Array, out: Array) -> None:
+    """Write a 3 × 3 matrix."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, j]
+
+
+@kernel_step
+def _rotation(x: float, y: float, z: float, out: Array) -> None:
+    """Write exp [v×] of v = (x, y, z)."""
+    s = x * x + y * y + z * z
     once, twice = 1 - s / 6 * (1 - s / 20), 0.5 - s / 24 * (1 - s / 30)
     if s > 1e-4:
         angle = np.sqrt(s)
         once, twice = np.sin(angle) / angle, (1 - np.cos(angle)) / s
-    x, y, z = v[0], v[1], v[2]
-    out[0, 0], out[1, 1], out[2, 2] = (
-        1 - twice * (y * y + z * z),
-        1 - twice * (x * x + z * z),
-        1 - twice * (x * x + y * y),
-    )
+    out[0, 0] = 1 - twice * (y * y + z * z)
+    out[1, 1] = 1 - twice * (x * x + z * z)
+    out[2, 2] = 1 - twice * (x * x + y * y)
     out[0, 1], out[1, 0] = twice * x * y - once * z, twice * x * y + once * z
     out[0, 2], out[2, 0] = twice * x * z + once * y, twice * x * z - once * y
     out[1, 2], out[2, 1] = twice * y * z - once * x, twice * y * z + once * x
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def _product(a: Array, b: Array, out: Array) -> None:
     """Write A B; `out` is neither."""
     for i in range(3):
@@ -68,22 +83,82 @@ def _product(a: Array, b: Array, out: Array) -> None:
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _propagate_covariance(p: Array, c: Array, force: Array, white: Array, seconds: float) -> None:
-    """Add the white noise of a block of `seconds` to P of (ψ, v); `force` is ∫ F dt over it."""
-    q = np.zeros((6, 6))
+@kernel_step
+def _add_white_noise(p: Array, c: Array, white: Array, seconds: float) -> None:
+    """Add half of a block's white noise to P of (ψ, v)."""
     for i in range(3):
         for j in range(3):
+            rate, force = 0.0, 0.0
             for k in range(3):
-                q[i, j] += 0.5 * seconds * c[i, k] * white[3 + k] * c[j, k]
-                q[3 + i, 3 + j] += 0.5 * seconds * c[i, k] * white[k] * c[j, k]
-    a = np.eye(6)
-    a[3, 1], a[3, 2], a[4, 2] = force[2], -force[1], force[0]
-    a[4, 0], a[5, 0], a[5, 1] = -force[2], force[1], -force[0]
-    p[:] = a @ (p + q) @ a.T + q
+                rate += c[i, k] * white[3 + k] * c[j, k]
+                force += c[i, k] * white[k] * c[j, k]
+            p[i, j] += 0.5 * seconds * rate
+            p[3 + i, 3 + j] += 0.5 * seconds * force
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
+def _turn_velocity(p: Array, force: Array, work: Array) -> None:
+    """Move P of (ψ, v) by v ← v − ∫F dt × ψ."""
+    for j in range(6):  # rows
+        for i in range(3):
+            work[0, i] = p[i, j]
+        _cross(force, work[0], work[1])
+        for i in range(3):
+            p[3 + i, j] -= work[1, i]
+    for i in range(6):  # columns
+        for j in range(3):
+            work[0, j] = p[i, j]
+        _cross(force, work[0], work[1])
+        for j in range(3):
+            p[i, 3 + j] -= work[1, j]
+
+
+@kernel_step
+def _add_block(
+    psi: Array,
+    v: Array,
+    by_rate: Array,
+    by_force: Array,
+    c: Array,
+    force: Array,
+    lagging: Array,
+    earth: Array,
+    seconds: float,
+    work: Array,
+) -> None:
+    """Add a block to the sensitivities: C in its middle, ∫ F dt and ∫ C ∂f/∂τ dt over it."""
+    q, r = by_rate.shape[1], by_force.shape[1]
+    column, turned, out = work[0], work[1], work[2]
+    for m in range(q + r + 1):
+        for j in range(3):
+            column[j] = v[j, m]
+        _cross(earth, column, out)
+        for j in range(3):
+            v[j, m] -= 2 * seconds * out[j]
+    for m in range(q):
+        for j in range(3):
+            column[j] = by_rate[j, m]
+        _apply(c, column, turned)
+        for j in range(3):
+            column[j] = psi[j, m]
+        _cross(earth, column, out)
+        for j in range(3):
+            column[j] += 0.5 * seconds * (turned[j] - out[j])
+            psi[j, m] += seconds * (turned[j] - out[j])
+        _cross(force, column, out)
+        for j in range(3):
+            v[j, m] -= out[j]
+    for m in range(r):
+        for j in range(3):
+            column[j] = by_force[j, m]
+        _apply(c, column, turned)
+        for j in range(3):
+            v[j, q + m] += seconds * turned[j]
+    for j in range(3):
+        v[j, q + r] += lagging[j]
+
+
+@kernel
 def integrate_turns(
     w: Array,
     f: Array,
@@ -100,16 +175,24 @@ def integrate_turns(
     gravity: float,
     lag: float,
     white: Array,
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return what navigation through k turns ends at, with sensitivities and noise.
+    vectors: Array,
+    matrices: Array,
+    attitude: Array,
+    velocity: Array,
+    impulse: Array,
+    psi: Array,
+    v_by: Array,
+    covariance: Array,
+) -> None:
+    """Write what navigation through k turns ends at, with sensitivities and noise.
 
     Parameters
     ----------
     w, f, dw : (n, 3) arrays
         ω, f and dω/dt of the samples of all turns, one after the other, SI.
     by_rate, by_force : (b, 3, q) and (b, 3, r) arrays
-        ∂ω/∂θ and ∂f/∂θ of each block of samples; each turn begins a block. None are needed of
-        length 0.
+        ∂ω/∂θ and ∂f/∂θ of each block of samples; each turn begins a block. If b is 0 there are no
+        sensitivities and no covariance.
     first, last : (k,) arrays of int
         Of each turn: its samples, the last one excluded.
     block : int
@@ -126,45 +209,33 @@ def integrate_turns(
         m/s² and s.
     white : (6,) array
         Noise densities squared, of accelerometers and gyros in the body's axes, SI²/Hz.
-
-    Returns
-    -------
+    vectors, matrices : (VECTORS, 3) and (MATRICES, 3, 3) arrays
+        Working space.
     attitude : (k, 3, 3) array
+        Out; the others begin at zero.
     velocity, impulse : (k, 3) arrays
-        m/s; the integral of F.
-    psi, v : (k, 3, q) and (k, 3, q + r + 1) arrays
-        Sensitivities; of v those of the gyros, of the accelerometers, and of the lag.
+        Out: m/s; the integral of F.
+    psi, v_by : (k, 3, q) and (k, 3, q + r + 1) arrays
+        Out: sensitivities; of v those of the gyros, of the accelerometers, and of the lag.
     covariance : (k, 6, 6) array
-        Of (ψ, v), by white noise.
+        Out: of (ψ, v), by white noise.
     """
-    turns, q, r = first.size, by_rate.shape[2], by_force.shape[2]
-    blocks_wanted = by_rate.shape[0] > 0
-    attitude, velocity = np.zeros((turns, 3, 3)), np.zeros((turns, 3))
-    impulse, covariance = np.zeros((turns, 3)), np.zeros((turns, 6, 6))
-    psi, v_by = np.zeros((turns, 3, q)), np.zeros((turns, 3, q + r + 1))
-    c, middle, turned, small = np.eye(3), np.eye(3), np.eye(3), np.eye(3)
-    back = np.eye(3)
-    _rotation(-earth * dt, back)
-    d, u, d0, u0 = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    a, b, e, rho, moved = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    own, force, lagging = np.zeros(3), np.zeros(3), np.zeros(3)
+    c, middle, turned, small = matrices[0], matrices[1], matrices[2], matrices[3]
+    d, u, d0, u0, own = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
+    a, b, e, rho, moved = vectors[5], vectors[6], vectors[7], vectors[8], vectors[9]
+    force, lagging, work = vectors[10], vectors[11], vectors[12:16]
     at = 0
-    for k in range(turns):
-        if k == 0 or not chained:
-            c[:] = start[k]
-        else:
-            c[:] = attitude[k - 1]
+    for k in range(first.size):
+        _copy_matrix(attitude[k - 1] if chained and k > 0 else start[k], c)
         v = velocity[k]
-        count = last[k] - first[k]
         in_block, middle_at, seconds = 0, 0, 0.0
         for i in range(first[k], last[k]):
             if in_block == 0:
-                middle_at = min(block, last[k] - i) // 2
-                force[:] = 0.0
-                lagging[:] = 0.0
-                seconds = 0.0
+                middle_at, seconds = min(block, last[k] - i) // 2, 0.0
+                for j in range(3):
+                    force[j], lagging[j] = 0.0, 0.0
             if in_block == middle_at:
-                middle[:] = c
+                _copy_matrix(c, middle)
             # ω against n, and the force turned back by what the body turned in the lag
             for j in range(3):
                 own[j] = w[i, j] - (c[0, j] * earth[0] + c[1, j] * earth[1] + c[2, j] * earth[2])
@@ -176,10 +247,10 @@ def integrate_turns(
                 e[j] = f[i, j] - a[j] + 0.5 * b[j]
                 u[j] = e[j] * dt
             if i == first[k]:
-                d0[:] = d
-                u0[:] = u
+                _copy(d, d0)
+                _copy(u, u0)
             _cross(e, own, a)
-            _rotate_vector(c, a, moved)
+            _apply(c, a, moved)
             for j in range(3):
                 lagging[j] += moved[j] * dt
             _cross(d, u, a)
@@ -190,7 +261,7 @@ def integrate_turns(
             _cross(u0, d, b)
             for j in range(3):
                 moved[j] += (a[j] + b[j]) / 12
-            _rotate_vector(c, moved, e)
+            _apply(c, moved, e)
             # In the middle of the sample n has turned by half of ω_ie dt.
             _cross(earth, e, a)
             _cross(earth, v, b)
@@ -202,69 +273,23 @@ def integrate_turns(
                 v[j] += e[j] - 2 * dt * b[j]
             v[2] -= gravity * dt
             _cross(d0, d, a)
-            for j in range(3):
-                rho[j] = d[j] + a[j] / 12
-            _rotation(rho, small)
+            _rotation(d[0] + a[0] / 12, d[1] + a[1] / 12, d[2] + a[2] / 12, small)
             _product(c, small, turned)
-            _product(back, turned, c)
-            d0[:] = d
-            u0[:] = u
+            _rotation(-earth[0] * dt, -earth[1] * dt, -earth[2] * dt, small)
+            _product(small, turned, c)
+            _copy(d, d0)
+            _copy(u, u0)
             in_block += 1
             seconds += dt
             if in_block == block or i == last[k] - 1:
-                if blocks_wanted:
+                if by_rate.shape[0] > 0:
                     _add_block(
                         psi[k], v_by[k], by_rate[at], by_force[at], middle, force, lagging,
-                        earth, seconds,
+                        earth, seconds, work,
                     )  # fmt: skip
-                    _propagate_covariance(covariance[k], middle, force, white, seconds)
+                    _add_white_noise(covariance[k], middle, white, seconds)
+                    _turn_velocity(covariance[k], force, work)
+                    _add_white_noise(covariance[k], middle, white, seconds)
                 at += 1
                 in_block = 0
-        attitude[k] = c
-        if count <= 0:
-            attitude[k] = c
-    return attitude, velocity, impulse, psi, v_by, covariance
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_block(
-    psi: Array,
-    v: Array,
-    by_rate: Array,
-    by_force: Array,
-    c: Array,
-    force: Array,
-    lagging: Array,
-    earth: Array,
-    seconds: float,
-) -> None:
-    """Add a block to the sensitivities: C in its middle, ∫ F dt and ∫ C ∂f/∂τ dt over it."""
-    q, r = by_rate.shape[1], by_force.shape[1]
-    column, turned, half, out = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    for m in range(q + r + 1):
-        for j in range(3):
-            column[j] = v[j, m]
-        _cross(earth, column, out)
-        for j in range(3):
-            v[j, m] -= 2 * seconds * out[j]
-    for m in range(q):
-        for j in range(3):
-            column[j] = by_rate[j, m]
-        _rotate_vector(c, column, turned)
-        for j in range(3):
-            column[j] = psi[j, m]
-        _cross(earth, column, out)
-        for j in range(3):
-            half[j] = psi[j, m] + 0.5 * seconds * (turned[j] - out[j])
-            psi[j, m] += seconds * (turned[j] - out[j])
-        _cross(force, half, out)
-        for j in range(3):
-            v[j, m] -= out[j]
-    for m in range(r):
-        for j in range(3):
-            column[j] = by_force[j, m]
-        _rotate_vector(c, column, turned)
-        for j in range(3):
-            v[j, q + m] += seconds * turned[j]
-    for j in range(3):
-        v[j, q + r] += lagging[j]
+        _copy_matrix(c, attitude[k])

@@ -12,7 +12,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.earth import earth_rate_up_north
-from inercal.methods.systematic._kernels import integrate_turns
+from inercal.methods.systematic._kernels import MATRICES, VECTORS, integrate_turns
 from inercal.methods.systematic.segments import Indices, Segments
 from inercal.motion import Motion
 from inercal.sensors import Sensor
@@ -175,22 +175,33 @@ def navigate(
         Whether a turn begins where the one before ended.
     """
     by_rate, by_force = (np.ascontiguousarray(one) for one in by)
-    return Navigation(
-        *integrate_turns(
-            motion.w,
-            motion.f,
-            motion.dw,
-            by_rate,
-            by_force,
-            segments.first,
-            segments.last,
-            segments.block,
-            segments.dt,
-            np.ascontiguousarray(start),
-            chained,
-            earth,
-            gravity,
-            lag,
-            np.zeros(6) if white is None else white,
-        )
+    k, q, r = segments.first.size, by_rate.shape[2], by_force.shape[2]
+    done = Navigation(
+        np.zeros((k, 3, 3)),
+        np.zeros((k, 3)),
+        np.zeros((k, 3)),
+        np.zeros((k, 3, q)),
+        np.zeros((k, 3, q + r + 1)),
+        np.zeros((k, 6, 6)),
     )
+    integrate_turns(
+        np.ascontiguousarray(motion.w),
+        np.ascontiguousarray(motion.f),
+        motion.dw,
+        by_rate,
+        by_force,
+        segments.first,
+        segments.last,
+        segments.block,
+        segments.dt,
+        np.ascontiguousarray(start),
+        chained,
+        earth,
+        gravity,
+        lag,
+        np.zeros(6) if white is None else white,
+        np.zeros((VECTORS, 3)),
+        np.zeros((MATRICES, 3, 3)),
+        *done,
+    )
+    return done
