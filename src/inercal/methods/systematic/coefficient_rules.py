@@ -4,12 +4,14 @@ A rule decides, not the rank: what one device shows of a gauge is noise.
 """
 
 from collections.abc import Sequence
-from math import cos, radians
+from math import cos, degrees, radians
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
+from inercal.frames import log_so3
 from inercal.keys import CoefficientName
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -19,6 +21,7 @@ FRAME = ("ax.delta_o", "ax.delta_p", "ay.delta_o")
 COMMON_ARM = ("az.arm_i", "az.arm_p", "az.arm_o")
 _CUBE = cos(radians(15))  # of the largest component of a force on a face of the cube
 _FACE = 0.5 * G0
+_LEAST_TURN = radians(45)  # about an axis, over the path
 # Terms that equal another one where |f| is gravity or zero
 _ALIKE = {"k1_prime": "k2", "k3": "k1"}
 
@@ -77,6 +80,41 @@ def require_determined(
         )
 
 
+def require_turns(attitudes: Array, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+    """Refuse coefficients of gyros for body axes about which the path does not turn.
+
+    Parameters
+    ----------
+    attitudes : (m, 3, 3) array
+        C, body to n, at each rest.
+    sensor : Sensor
+    priors : sequence of Gaussian
+
+    Raises
+    ------
+    NotObserved
+        Naming the scale factor and the misalignments that sense that axis.
+    """
+    known = {name for prior in priors for name in prior.names}
+    turned = np.abs(log_so3(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])).sum(axis=0)
+    names: list[str] = []
+    for axis in (axis for axis in sensor.axes if axis.measures == "w"):
+        for term, direction in zip(("scale", "delta_o", "delta_p"), axis.frame, strict=True):
+            about = int(np.abs(direction).argmax())
+            name = f"{axis.name}.{term}"
+            if turned[about] < _LEAST_TURN and name in sensor.coefficients and name not in known:
+                names.append(name)
+    if names:
+        still = [f"{axis} ({degrees(a):.0f}°)" for axis, a in zip("xyz", turned, strict=True)
+                 if a < _LEAST_TURN]  # fmt: skip
+        raise NotObserved(
+            f"the path does not turn about body axis {' and '.join(still)}: {', '.join(names)} "
+            "stay open; add quarter turns about that axis while it is level, or state priors",
+            tuple(names),
+            names=tuple(names),
+        )
+
+
 def _partner(name: str) -> str:
     axis, term = CoefficientName(name).parts
     return f"{axis}.{_ALIKE[term]}"
@@ -90,7 +128,7 @@ def _refuse_gauge(chosen: Sequence[str], gauge: Sequence[str], what: str, reason
         )
 
 
-def _require_both_faces(sensor: Sensor, force: np.ndarray) -> None:
+def _require_both_faces(sensor: Sensor, force: Array) -> None:
     for k, axis in enumerate(axis for axis in sensor.axes if axis.measures == "f"):
         for way, reached in (("up", force[:, k].max()), ("down", -force[:, k].min())):
             if reached < _FACE:

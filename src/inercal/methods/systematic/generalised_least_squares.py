@@ -1,7 +1,7 @@
 """Generalised least squares over all rests and turns, by Gauss–Newton steps.
 
 The covariance of the rows is computed once, at the initial attitudes; a step moves coefficients,
-lag and attitudes together and is repeated until it is below a hundredth of a standard deviation.
+lag and attitudes together and is repeated until it is below a thousandth of a standard deviation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,11 @@ from inercal.estimate.nullspace import observability
 from inercal.estimate.whitened_problem import WhitenedProblem
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import initial_attitudes
-from inercal.methods.systematic.coefficient_rules import COMMON_ARM, FRAME
+from inercal.methods.systematic.coefficient_rules import (
+    COMMON_ARM,
+    FRAME,
+    require_turns,
+)
 from inercal.methods.systematic.navigation import ImuModel
 from inercal.methods.systematic.rest_and_turn_rows import RestAndTurnRows
 from inercal.methods.systematic.segments import Segments
@@ -26,7 +30,7 @@ from inercal.parameters import Parameter
 from inercal.sensors import Sensor
 
 LAG = "lag"
-_LARGEST_STEP = 0.01  # standard deviations
+_LARGEST_STEP = 0.001  # standard deviations
 _MOST_STEPS = 15
 _SCALES = {LAG: 1.0, "g": 1.0, "latitude": 1.0}  # s, m/s², rad
 
@@ -67,6 +71,7 @@ def solve(
     model = ImuModel(sensor)
     p, m = len(sensor.coefficients), len(segments.labels)
     attitudes, c = initial_attitudes(segments, model, np.zeros(p), known.latitude.value)
+    require_turns(attitudes, sensor, priors)
     rows = RestAndTurnRows(segments, model, attitudes, known.gravity.value, known.latitude.value)
     whole = np.concatenate([c, [0.0, known.gravity.value, known.latitude.value], np.zeros(3 * m)])
     declared = known.nuisances((), sensor)

@@ -181,7 +181,7 @@ def _require_rests(where: str, recording: Recording, rests: Indices) -> None:
         f"{where}: the gyros show {len(rests)} rest{'s' * (len(rests) != 1)} of {_SHORTEST:g} s or "
         f"more (mean rate within {degrees(_MOVING):g} °/s over {_WINDOW:g} s, {_SETTLING:g} s cut "
         f"off beside turns) in {recording.duration:.4g} s; a systematic calibration needs "
-        f"{_MIN_RESTS} rests with turns between them",
+        f"{_MIN_RESTS} rests with turns between them: rest longer, or check the unit of the gyros",
     )
 
 
