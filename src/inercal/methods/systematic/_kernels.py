@@ -228,13 +228,13 @@ def integrate_turns(
     for k in range(first.size):
         _copy_matrix(attitude[k - 1] if chained and k > 0 else start[k], c)
         v = velocity[k]
-        in_block, middle_at, seconds = 0, 0, 0.0
+        in_block, count, seconds = 0, 0, 0.0
         for i in range(first[k], last[k]):
             if in_block == 0:
-                middle_at, seconds = min(block, last[k] - i) // 2, 0.0
+                count, seconds = min(block, last[k] - i), 0.0
                 for j in range(3):
                     force[j], lagging[j] = 0.0, 0.0
-            if in_block == middle_at:
+            if in_block == count // 2:
                 _copy_matrix(c, middle)
             # ω against n, and the force turned back by what the body turned in the lag
             for j in range(3):
@@ -277,6 +277,10 @@ def integrate_turns(
             _product(c, small, turned)
             _rotation(-earth[0] * dt, -earth[1] * dt, -earth[2] * dt, small)
             _product(small, turned, c)
+            if count % 2 and in_block == count // 2:  # the block's middle is that of a sample
+                for m in range(3):
+                    for j in range(3):
+                        middle[m, j] = 0.5 * (middle[m, j] + c[m, j])
             _copy(d, d0)
             _copy(u, u0)
             in_block += 1

@@ -177,11 +177,11 @@ class RestAndTurnRows:
         jacobian[:, :3, p + 2] = seconds[:, None] * slope
         jacobian[:, 3:, p + 2] = 0.5 * gravity * seconds[:, None] ** 2 * np.cross(_UP, slope)
         back = exp_so3(-earth * seconds[:, None])
-        turned = 0.5 * gravity * skew(_UP) @ skew(earth)
+        # ψ turns back with n, ψ(t) = ψ − t ω_ie × ψ, and its velocity has Coriolis' acceleration.
+        turned = gravity * (0.5 * skew(_UP) @ skew(earth) + skew(earth) @ skew(_UP))
         for k in range(m - 1):
             at = p + 3 + 3 * k
             jacobian[k, :3, at : at + 3] = -back[k]
-            # ψ turns back with n: ψ(t) = ψ − t ω_ie × ψ
             jacobian[k, 3:, at : at + 3] = -skew(done.impulse[k]) + turned * seconds[k] ** 2
             jacobian[k, :3, at + 3 : at + 6] = np.eye(3)
         return -np.concatenate([h, done.velocity], axis=1), jacobian
