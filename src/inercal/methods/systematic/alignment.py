@@ -24,7 +24,9 @@ from inercal.errors import InputError
 from inercal.methods.systematic.navigation import ImuModel, earth_rate, navigate
 from inercal.methods.systematic.segments import Segments
 
-MAX_DISAGREEMENT = radians(5)  # of the forces; 0.4° of a healthy IMU, 130 to 177° of a wrong axis
+# Of the forces: 0.4° of a navigation-grade IMU, 8° where scale factors are off by 2 %, and 130 to
+# 180° of a wrong axis
+MAX_DISAGREEMENT = radians(20)
 MAX_LATITUDE = radians(85)  # beyond, the Earth's rate has too small a level part
 _REPEATED = 3
 _NAMED = 3  # possible causes in a message
@@ -47,7 +49,7 @@ def initial_attitudes(
     Raises
     ------
     InputError
-        A latitude beyond 85°, or forces that disagree by more than 5°.
+        A latitude beyond 85°, or forces that disagree by more than 20°.
     """
     if abs(latitude) > MAX_LATITUDE:
         raise InputError(

@@ -6,13 +6,14 @@ is cut off at the side of a turn, where the table settles; rests under 5 s are p
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import degrees, radians
+from math import acos, cos, degrees, radians
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array, true_ranges
+from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.settings import TurntableData
 from inercal.benches.turntable.still_table import StillTable
 from inercal.data import EstimatorInput, Source
@@ -21,7 +22,7 @@ from inercal.errors import InputError
 from inercal.io.audit import require_accepted
 from inercal.io.rest_norm import audit_rest_norm
 from inercal.plan import Hold, Position
-from inercal.recording import Mark, Recording, Track
+from inercal.recording import Finding, Mark, Recording, Track
 from inercal.section_settings import key_error
 from inercal.segments import observe as averaged
 from inercal.segments.attitudes import INVALID_SAMPLES
@@ -35,7 +36,8 @@ _SIGMAS = 6.0  # of the noise of a window, where it exceeds that
 _SETTLING = 1.0  # s
 _SHORTEST = 5.0  # s
 _MIN_RESTS = 6
-_PATTERNS = ("table", "table_file", "table_time", "hold")
+_NEAR = cos(radians(10))  # of a rest's up to that of the plan
+_READBACK_KEYS = ("table", "table_file", "table_time", "hold")
 
 
 def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
@@ -57,15 +59,16 @@ def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
     rests = find_rests(recording.time, reading, sensor)
     where = str(run.path)
     _require_rests(where, recording, rests)
-    labels = _rest_labels(run, recording, rests)
+    force = np.stack([reading[start:stop, :3].mean(axis=0) for start, stop in rests.tolist()])
+    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    labels, planned = _name_rests(run, recording, rests, up)
     _require_whole_turns(where, recording, rests, labels)
     _require_within_range(where, recording, sensor)
     hold = np.full(recording.time.size, -1, dtype=np.int64)
     steps: list[Hold] = []
     for k, (start, stop) in enumerate(rests.tolist()):
         hold[start:stop] = k
-        force = reading[start:stop, :3].mean(axis=0)
-        x, y, z = (force / np.linalg.norm(force)).tolist()
+        x, y, z = up[k].tolist()
         steps.append(Hold(labels[k], (x, y, z), recording.span(start, stop)))
     track = Track(
         recording.time,
@@ -83,7 +86,7 @@ def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
         replace(observations, track=track),
         tuple(steps),
         tuple(steps),
-        recording.findings,
+        (*recording.findings, *planned),
         {
             "gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²"),
             "latitude": format_quantity(bench.latitude.value, bench.latitude.sd, "°"),
@@ -103,7 +106,7 @@ def _require_samples(run: Source[TurntableData]) -> None:
         )
     unused = ["seconds"] if run.data.seconds is not None else []
     unused += ["marks"] if run.data.marks != "found" else []
-    stated = [key for key in (*_PATTERNS, "table_unit", "table_time_unit")
+    stated = [key for key in (*_READBACK_KEYS, "table_unit", "table_time_unit")
               if key in run.data.model_fields_set]  # fmt: skip
     if unused or stated:
         key = (*unused, *stated)[0]
@@ -157,21 +160,42 @@ def find_rests(time: Array, reading: Array, sensor: Sensor) -> Indices:
     return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
-def _rest_labels(run: Source[TurntableData], recording: Recording, rests: Indices) -> list[str]:
-    """Return a name of each rest: the recording's labels, else those of a plan of as many."""
+def _name_rests(
+    run: Source[TurntableData], recording: Recording, rests: Indices, up: Array
+) -> tuple[list[str], tuple[Finding, ...]]:
+    """Return a name of each rest, (m,), and a warning where a stated plan has other attitudes.
+
+    The names are the recording's labels, else those of the plan, else numbers. `up` is the
+    direction of the mean force at each rest, (m, 3).
+    """
+    names, findings = [f"rest {k}" for k in range(1, len(rests) + 1)], tuple[Finding, ...]()
+    if run.has_plan_keys:
+        planned = [step for step in run.steps if isinstance(step, Position)]
+        nominal = np.array([reference_attitude(run.bench, np.array([s.angles]))[0, 2]
+                            for s in planned])  # fmt: skip
+        if len(planned) != len(rests):
+            findings = (_plan_finding(f"{len(rests)} rests, the plan has {len(planned)}"),)
+        elif (cosine := (nominal * up).sum(axis=1)).min() < _NEAR:
+            k = int(cosine.argmin())
+            text = f"rest {k + 1} is {degrees(acos(cosine[k])):.0f}° off {planned[k].label}"
+            findings = (_plan_finding(f"{text} of the plan"),)
+        else:
+            names = [step.label for step in planned]
     if recording.labels is not None:
         middles = [(start + stop) // 2 for start, stop in rests.tolist()]
         own = [str(name).strip() for name in recording.labels[middles].tolist()]
         if all(own) and len(set(own)) == len(own):
-            return own
-    numbers = [f"rest {k}" for k in range(1, len(rests) + 1)]
-    if not run.has_plan_keys:
-        return numbers
-    try:
-        planned = [step.label for step in run.steps if isinstance(step, Position)]
-    except InputError:
-        return numbers  # a calibration does not need the plan
-    return planned if len(planned) == len(rests) else numbers
+            names = own
+    return names, findings
+
+
+def _plan_finding(text: str) -> Finding:
+    return Finding(
+        "warning",
+        "plan",
+        f"the recording is not of the stated plan: it has {text}; check [method] path and [bench] "
+        "axes. The result does not depend on the plan",
+    )
 
 
 def _require_rests(where: str, recording: Recording, rests: Indices) -> None:
