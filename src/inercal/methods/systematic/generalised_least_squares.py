@@ -15,7 +15,7 @@ from inercal.benches.turntable.still_table import StillTable
 from inercal.estimate import Candidate, Estimate, Gaussian, Problem
 from inercal.estimate.least_squares import estimate_at_solution
 from inercal.estimate.nullspace import observability
-from inercal.estimate.whitened_problem import WhitenedProblem
+from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.coefficient_rules import (
@@ -31,7 +31,9 @@ from inercal.sensors import Sensor
 
 LAG = "lag"
 _LARGEST_STEP = 0.001  # standard deviations
-_MOST_STEPS = 15
+_SURE_STEP = 0.1  # standard deviations: a smaller step needs no test
+_HALVINGS = 8  # of a step, at most, until χ² falls
+_MOST_STEPS = 60
 _SCALES = {LAG: 1.0, "g": 1.0, "latitude": 1.0}  # s, m/s², rad
 
 
@@ -125,7 +127,7 @@ def solve(
 def _search(system: WhitenedProblem) -> tuple[Array, bool, int]:
     """Return the solution, whether the steps became small, and their number."""
     point, scale = system.first, system.problem.scale
-    inverse = system.first_whitener
+    inverse, tried = system.first_whitener, system.first
     for count in range(1, _MOST_STEPS + 1):
         # Columns of unit length: an azimuth and a bias differ by ten orders of magnitude.
         rows = np.concatenate([point.weight[0][:, None] * point.rows[0], system.prior_rows])
@@ -136,13 +138,25 @@ def _search(system: WhitenedProblem) -> tuple[Array, bool, int]:
         back = np.linalg.inv(r)
         step = back @ (q.T @ right)
         sd = np.linalg.norm(back, axis=1)
-        x = point.x + step / size
-        if not np.isfinite(x).all():
+        largest = float(np.abs(step / sd).max())
+        if not np.isfinite(largest):
             return point.x[0], False, count
-        point = system.point(x, *system.evaluate(x), inverse)
-        if np.abs(step / sd).max() < _LARGEST_STEP:
-            return x[0], True, count
+        for _ in range(_HALVINGS):
+            x = point.x + step / size
+            tried = system.point(x, *system.evaluate(x), inverse)
+            if largest < _SURE_STEP or _cost(tried) < _cost(point):
+                break
+            step, largest = 0.5 * step, 0.5 * largest
+        point = tried
+        if largest < _LARGEST_STEP:
+            return point.x[0], True, count
     return point.x[0], False, _MOST_STEPS
+
+
+def _cost(point: LinearisationPoint) -> float:
+    """Return χ² of observations and priors; infinite far from the solution."""
+    cost = float(np.sum(point.whitened**2) + np.sum(point.prior**2))
+    return cost if np.isfinite(cost) else np.inf
 
 
 def omitted_coefficients(
