@@ -19,10 +19,10 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.systematic import segments as segments_module
 from inercal.methods.systematic.generalised_least_squares import solve
-from inercal.methods.systematic.navigation import ImuModel, earth_rate, navigate
+from inercal.methods.systematic.navigation import ImuModel, earth_rate, integrate_navigation
 from inercal.methods.systematic.rest_and_turn_rows import RestAndTurnRows
-from inercal.methods.systematic.segment_tests import halves_test
-from inercal.methods.systematic.segments import Segments, cut_segments
+from inercal.methods.systematic.segment_tests import rest_change_test
+from inercal.methods.systematic.segments import Segments, segments_of_track
 
 ARCSEC, PPM, UG = made.ARCSEC, made.PPM, made.UG
 # Largest errors without noise, in the units of the tables
@@ -45,7 +45,7 @@ def device(grade: str, seed: int = 1, table=SHORT, rate_hz=20.0, noisy=True, **h
 def segments_of(recorded: made.Recorded, sensor) -> Segments:
     seen = observations_of(recorded, sensor)
     assert seen.track is not None
-    return cut_segments(seen.track, seen.labels, sensor)
+    return segments_of_track(seen.track, seen.labels, sensor)
 
 
 @pytest.mark.parametrize("grade", ["N", "T"])
@@ -72,7 +72,7 @@ def _turns(rate_hz: float, truth, lag: float, table: made.Table, c, sensor, *, s
         d = motion.w * segments.dt
         f = motion.f - np.cross(d, np.cross(d, motion.f)) / 6
         motion = motion._replace(f=f)
-    done = navigate(
+    done = integrate_navigation(
         segments, motion, recorded.attitudes[:-1], earth_rate(table.latitude), table.gravity, lag
     )
     off = recorded.attitudes[1:] @ np.swapaxes(done.attitude, -1, -2)
@@ -243,7 +243,7 @@ def test_gravity_and_latitude_enter_as_shared_errors():
     seen = observations_of(device("N", table=table), sensor)
     assert seen.track is not None
     known = StillTable(Measured(table.gravity, 4e-4), Measured(table.latitude, 1e-4))
-    estimate = solve(cut_segments(seen.track, seen.labels, sensor), sensor, known)
+    estimate = solve(segments_of_track(seen.track, seen.labels, sensor), sensor, known)
     k1 = sensor.coefficients.index("ax.k1")
     by = estimate.sensitivity("g", 4e-4)
     assert by is not None
@@ -265,8 +265,8 @@ def test_a_table_that_creeps_or_is_knocked_fails_the_test_of_halves():
     sensor, table = sensor_of(made.NAVIGATION), made.Table()
     for changed in ({"creep": (2 * ARCSEC, 10.0)}, {"knock": (20 * ARCSEC, 300.0)}):
         moving = device("N", table=replace(table, **changed))
-        assert halves_test(segments_of(moving, sensor), sensor).p_value < 1e-5
-    assert halves_test(segments_of(device("N", table=table), sensor), sensor).p_value > 1e-3
+        assert rest_change_test(segments_of(moving, sensor), sensor).p_value < 1e-5
+    assert rest_change_test(segments_of(device("N", table=table), sensor), sensor).p_value > 1e-3
 
 
 # Of one device of grade N: a fault, and χ²/ν at least (the note's numbers less a third)

@@ -202,6 +202,6 @@ def test_clipped_readings_are_refused(tmp_path: Path):
 def test_a_recording_of_another_path_is_named(folder: Path):
     other = ('path = "systematic"', 'path = "fast"')
     outcome = calibrate(run_file(folder, other, name="other.toml"))
-    assert any(one.what == "plan" for one in outcome.findings)
+    assert any(one.what == "path" and "stated plan" in one.message for one in outcome.findings)
     own = calibrate(folder / "imu.toml")
     np.testing.assert_array_equal(outcome.estimate.value, own.estimate.value)

@@ -25,8 +25,8 @@ from inercal.methods._base import Method
 from inercal.methods.systematic.coefficient_rules import require_determined
 from inercal.methods.systematic.generalised_least_squares import solve
 from inercal.methods.systematic.remarks import remarks
-from inercal.methods.systematic.segment_tests import halves_test
-from inercal.methods.systematic.segments import cut_segments
+from inercal.methods.systematic.segment_tests import rest_change_test
+from inercal.methods.systematic.segments import segments_of_track
 from inercal.plan import TableStep
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -76,9 +76,9 @@ def batch(
             )
     require_determined(sensor, observations, priors)
     known = StillTable.from_turntable(bench)
-    segments = cut_segments(track, observations.labels, sensor)
+    segments = segments_of_track(track, observations.labels, sensor)
     estimate = solve(segments, sensor, known, priors)
-    return replace(estimate, tests=(*estimate.tests, halves_test(segments, sensor)))
+    return replace(estimate, tests=(*estimate.tests, rest_change_test(segments, sensor)))
 
 
 def _triangular(bench: Turntable) -> Frame:

@@ -21,8 +21,10 @@ from numpy.typing import ArrayLike
 from inercal.arrays import Array
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
-from inercal.methods.systematic.navigation import ImuModel, earth_rate, navigate
+from inercal.keys import CoefficientName
+from inercal.methods.systematic.navigation import ImuModel, earth_rate, integrate_navigation
 from inercal.methods.systematic.segments import Segments
+from inercal.sensors import Sensor
 
 # Of the forces: 0.4° of a navigation-grade IMU, 8° where scale factors are off by 2 %, and 130 to
 # 180° of a wrong axis
@@ -57,10 +59,8 @@ def initial_attitudes(
             "level part there to determine the azimuth",
             key="[bench] latitude",
         )
-    biases = [k for k, name in enumerate(model.sensor.coefficients) if name.endswith(".bias")]
-    axis = [model.sensor.channels.index(model.sensor.coefficients[k].split(".")[0]) for k in biases]
-    c = c.copy()
-    c[biases] = segments.mean.mean(axis=0)[axis]  # the Earth's rate nearly cancels over the faces
+    biases, axis = _bias_places(model.sensor)
+    c = _with_mean_rates(segments, model, c)  # the Earth's rate nearly cancels over the faces
     _require_agreement(segments, model, c)
     up_rate, _ = earth_rate_up_north(latitude)
     level, attitude = np.zeros(3), np.eye(3)
@@ -87,7 +87,7 @@ def _carried(segments: Segments, model: ImuModel, c: Array, attitude: Array, ear
     """Return C of each rest, (m, 3, 3), as the gyros carry it from the first one."""
     motion = model.motion(segments, c, 0.0)
     start = np.tile(attitude, (segments.first.size, 1, 1))
-    later = navigate(segments, motion, start, earth, 0.0, chained=True).attitude
+    later = integrate_navigation(segments, motion, start, earth, 0.0, chained=True).attitude
     return np.concatenate([attitude[None], later])
 
 
@@ -103,7 +103,7 @@ def _level_frame(up: Array) -> Array:
     return np.stack([east, np.cross(up, east), up])
 
 
-def force_disagreement(segments: Segments, model: ImuModel, c: Array) -> float:
+def largest_force_angle(segments: Segments, model: ImuModel, c: Array) -> float:
     """Return the largest angle between the forces of two rests in the first rest's frame, rad."""
     carried = _carried(segments, model, c, np.eye(3), np.zeros(3))
     force = _unit((carried @ segments.mean[:, :3, None])[..., 0])
@@ -112,13 +112,13 @@ def force_disagreement(segments: Segments, model: ImuModel, c: Array) -> float:
 
 
 def _require_agreement(segments: Segments, model: ImuModel, c: Array) -> None:
-    found = force_disagreement(segments, model, c)
+    found = largest_force_angle(segments, model, c)
     if found <= MAX_DISAGREEMENT:
         return
     causes = [
         words
         for words, changed in _possible_mistakes(segments)
-        if force_disagreement(changed, model, _with_mean_rates(changed, model, c))
+        if largest_force_angle(changed, model, _with_mean_rates(changed, model, c))
         <= MAX_DISAGREEMENT
     ]
     text = "; check the axes, signs and units of both triads"
@@ -132,12 +132,18 @@ def _require_agreement(segments: Segments, model: ImuModel, c: Array) -> None:
 
 
 def _with_mean_rates(segments: Segments, model: ImuModel, c: Array) -> Array:
+    """Return coefficients whose gyro biases are the mean rates of all rests."""
     c = c.copy()
-    for k, name in enumerate(model.sensor.coefficients):
-        axis, _, term = name.partition(".")
-        if term == "bias":
-            c[k] = segments.mean[:, model.sensor.channels.index(axis)].mean()
+    biases, axis = _bias_places(model.sensor)
+    c[biases] = segments.mean.mean(axis=0)[axis]
     return c
+
+
+def _bias_places(sensor: Sensor) -> tuple[list[int], list[int]]:
+    """Return the places of the gyros' biases among the coefficients, and those of their axes."""
+    names = [CoefficientName(name) for name in sensor.coefficients]
+    places = [k for k, name in enumerate(names) if name.term == "bias"]
+    return places, [sensor.channels.index(names[k].axis) for k in places]
 
 
 def _possible_mistakes(segments: Segments) -> Iterator[tuple[str, Segments]]:

@@ -6,7 +6,6 @@ lag and attitudes together and is repeated until it is below a thousandth of a s
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -35,13 +34,6 @@ _SURE_STEP = 0.1  # standard deviations: a smaller step needs no test
 _HALVINGS = 8  # of a step, at most, until χ² falls
 _MOST_STEPS = 60
 _SCALES = {LAG: 1.0, "g": 1.0, "latitude": 1.0}  # s, m/s², rad
-
-
-class Unknowns(NamedTuple):
-    """Names of all parameters of the rows, and which of them are free."""
-
-    names: tuple[str, ...]
-    free: list[int]
 
 
 def attitude_names(labels: Sequence[str]) -> tuple[str, ...]:

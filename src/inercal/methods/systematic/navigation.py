@@ -143,7 +143,7 @@ def _mean_of_period(x: Array) -> Array:
     return result
 
 
-def navigate(
+def integrate_navigation(
     segments: Segments,
     motion: TurnMotion,
     start: Array,

@@ -15,8 +15,8 @@ from inercal.methods.systematic.navigation_error import (
     position_drift,
     velocity_errors,
 )
-from inercal.methods.systematic.segment_tests import halves_deviations
-from inercal.methods.systematic.segments import cut_segments
+from inercal.methods.systematic.segment_tests import rest_change_deviations
+from inercal.methods.systematic.segments import segments_of_track
 from inercal.methods.systematic.vertical_turns import vertical_turn_messages
 from inercal.recording import Finding
 from inercal.units import format_quantity, format_value_and_uncertainty
@@ -34,8 +34,8 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
     lag = format_quantity(float(estimate.value[k]), float(estimate.std[k]), "ms")
     track = fit.observations.track
     assert track is not None  # the estimator refuses other data
-    segments = cut_segments(track, fit.observations.labels, sensor)
-    z = halves_deviations(segments, sensor)
+    segments = segments_of_track(track, fit.observations.labels, sensor)
+    z = rest_change_deviations(segments, sensor)
     findings: list[Finding] = []
     rest, axis = np.unravel_index(int(np.abs(z).argmax()), z.shape)
     if abs(z[rest, axis]) > _MOVED:
@@ -44,7 +44,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
             f"standard deviations in {sensor.channels[axis]}: the table creeps or was knocked; "
             "wait longer after turns, or record again"
         )
-        findings.append(Finding("warning", "rest", text))
+        findings.append(Finding("warning", "moving", text))
     notes = (
         f"the accelerometers are late on the gyros by {lag} (negative: early)",
         "gravity and latitude as stated set the scale: 40 mGal of gravity are 40 ppm of all scale "

@@ -24,7 +24,12 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.frames import exp_so3, left_jacobian, log_so3, skew
-from inercal.methods.systematic.navigation import ImuModel, Navigation, earth_rate, navigate
+from inercal.methods.systematic.navigation import (
+    ImuModel,
+    Navigation,
+    earth_rate,
+    integrate_navigation,
+)
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.motion import Motion
@@ -109,7 +114,7 @@ class RestAndTurnRows:
     ) -> tuple[Navigation, "_Columns"]:
         motion = self.model.motion(self.segments, c, lag)
         by = self._with_biases.sensitivities(self.segments, self._bias_padded(c), motion)
-        done = navigate(
+        done = integrate_navigation(
             self.segments, motion, attitudes[:-1], earth_rate(latitude), gravity, lag, by=by,
             white=self.white,
         )  # fmt: skip

@@ -11,7 +11,7 @@ from inercal.sensors import Sensor
 HALVES = "halves of the rests"
 
 
-def halves_deviations(segments: Segments, sensor: Sensor) -> Array:
+def rest_change_deviations(segments: Segments, sensor: Sensor) -> Array:
     """Return the second half's mean minus the first's, over its sd, (m, 6)."""
     noises = [axis.noise for axis in sensor.axes]
     white = np.array([one.white**2 for one in noises])
@@ -27,7 +27,7 @@ def halves_deviations(segments: Segments, sensor: Sensor) -> Array:
     return result
 
 
-def halves_test(segments: Segments, sensor: Sensor) -> ModelTest:
+def rest_change_test(segments: Segments, sensor: Sensor) -> ModelTest:
     """Return the χ² test of all halves."""
-    z = halves_deviations(segments, sensor)
+    z = rest_change_deviations(segments, sensor)
     return ModelTest(HALVES, float((z**2).sum()), z.size)

@@ -76,7 +76,7 @@ class Segments:
         return tuple(f"{one} to {other}" for one, other in pairs)
 
 
-def cut_segments(track: Track, labels: tuple[str, ...], sensor: Sensor) -> Segments:
+def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> Segments:
     """Return the rests and turns of a track whose holds are numbered.
 
     Parameters

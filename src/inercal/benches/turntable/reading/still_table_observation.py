@@ -192,7 +192,7 @@ def _name_rests(
 def _plan_finding(text: str) -> Finding:
     return Finding(
         "warning",
-        "plan",
+        "path",
         f"the recording is not of the stated plan: it has {text}; check [method] path and [bench] "
         "axes. The result does not depend on the plan",
     )
