@@ -3,8 +3,8 @@
 Numba compiles a kernel when it is first called with arguments of certain types. The kernels are
 therefore called by the work that uses them, on short simulated recordings: a run on a simulated
 turntable with its bench's processes, the other methods on its recording, an IMU by navigation
-between rests, a hand-held IMU, and
-batches of fits of a centrifuge by norms and by vectors, and of means in six positions.
+between rests, a hand-held IMU, and batches of fits of a centrifuge by norms and by vectors, and of
+means in six positions.
 """
 
 from collections.abc import Callable, Iterator

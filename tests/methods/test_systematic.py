@@ -1,5 +1,6 @@
 """Systematic calibration against an independent generator: values, uncertainties, refusals."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -102,7 +103,7 @@ def test_without_the_second_order_term_a_turn_ends_at_44_micrometres_a_second():
 
 def test_the_jacobian_is_that_of_differences():
     sensor = sensor_of(made.NAVIGATION, also=("g", "scale_prime"))
-    recorded = device("N", rate_hz=100.0, noisy=False)
+    recorded = device("N", rate_hz=50.0, noisy=False)
     segments, p = segments_of(recorded, sensor), len(sensor.coefficients)
     rows = RestAndTurnRows(
         segments, ImuModel(sensor), recorded.attitudes, SHORT.gravity, SHORT.latitude
@@ -111,7 +112,7 @@ def test_the_jacobian_is_that_of_differences():
     x = np.concatenate([np.zeros(p + 1), [SHORT.gravity, SHORT.latitude], np.zeros(3 * m)])
     _, jacobian = rows.linearise(x)
     steps = np.concatenate([1e-4 * sensor.unit_scale, [1e-4, 1e-3, 1e-5], np.full(3 * m, 1e-5)])
-    for k, step in enumerate(steps):
+    for k, step in enumerate(steps[: p + 3 + 6]):  # the attitudes of two rests
         moved = x.copy()
         moved[k] += step
         back = x.copy()
@@ -305,3 +306,18 @@ def test_a_fault_shows_in_chi_squared(fault: str):
     assert estimate.chi2 / estimate.dof > FAULTS[fault]
     if fault == "lost sample":
         assert "p4 to p5" in estimate.observations[int(np.abs(estimate.whitened).argmax())]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grade", ["N", "T"])
+def test_seventeen_minutes_at_100_hz_take_less_than_two_seconds(grade: str):
+    sensor, table = sensor_of(made.GRADES[grade]), made.Table()
+    seen = observations_of(device(grade, table=table, rate_hz=100.0), sensor)
+    assert seen.track is not None
+    best = np.inf
+    for _ in range(3):  # the first compiles; other work on the machine disturbs single ones
+        began = time.process_time()
+        segments = segments_of_track(seen.track, seen.labels, sensor)
+        solve(segments, sensor, table_of(table))
+        best = min(best, time.process_time() - began)
+    assert best < 2.0

@@ -151,6 +151,12 @@ def test_a_key_of_this_method_is_refused_with_others(tmp_path: Path):
         read(path)
 
 
+def test_means_are_no_simulation_of_the_package(tmp_path: Path):
+    path = run_file(tmp_path, ('label = "step"', 'label = "step"\nsample = "mean"'))
+    with refused(InputError, key="[data] sample"):
+        simulated(path, 0)
+
+
 def _cut(first: float, last: float) -> Callable[[Recording], Recording]:
     def edit(one: Recording) -> Recording:
         keep = slice(*np.searchsorted(one.time, [first, last]).tolist())
@@ -205,3 +211,33 @@ def test_a_recording_of_another_path_is_named(folder: Path):
     assert any(one.what == "path" and "stated plan" in one.message for one in outcome.findings)
     own = calibrate(folder / "imu.toml")
     np.testing.assert_array_equal(outcome.estimate.value, own.estimate.value)
+
+
+@pytest.mark.slow
+def test_the_readback_of_a_table_is_worth_a_factor_that_the_guide_states(tmp_path: Path):
+    path = simulated(run_file(tmp_path), 0)
+    alone = calibrate(path)
+    text = path.read_text(encoding="utf-8")
+    for old, new in (
+        ('name = "systematic"', 'name = "turntable_kalman"'),
+        ('path = "systematic"', 'path = "systematic"\nseconds = "40 s"\nalso = ["k2"]'),
+        ('"48.10 ° ± 0.01 °"', '"48.1 °"'),
+        ('label = "step"', 'label = "step"\ntable = ["outer", "middle", "inner"]'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    with_angles = tmp_path / "angles.toml"
+    with_angles.write_text(text, encoding="utf-8")
+    read_back = calibrate(with_angles)
+    std = [
+        dict(zip(one.calibration.sensor.coefficients, one.estimate.std, strict=False))
+        for one in (alone, read_back)
+    ]
+    ratio = {name: std[0][name] / std[1][name] for name in std[0] if name in std[1]}
+    for terms, low, high in (
+        (("k1", "bias"), 0.9, 1.3), (("scale",), 1.5, 2.2), (("k0", "k2"), 2.2, 7.0),
+        (("delta_o", "delta_p"), 1.5, 7.0),
+    ):  # fmt: skip
+        sizes = [one for name, one in ratio.items() if name.partition(".")[2] in terms]
+        assert low < min(sizes)
+        assert max(sizes) < high
