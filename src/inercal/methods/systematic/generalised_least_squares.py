@@ -15,6 +15,7 @@ from inercal.estimate import Candidate, Estimate, Gaussian, Problem
 from inercal.estimate.least_squares import estimate_at_solution
 from inercal.estimate.nullspace import observability
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
+from inercal.frames import exp_so3
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.coefficient_rules import (
@@ -41,6 +42,30 @@ def attitude_names(labels: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"attitude_{way}[{label}]" for label in labels for way in ("east", "north", "up"))
 
 
+def estimated_attitudes(
+    estimate: Estimate, segments: Segments, sensor: Sensor, latitude: float
+) -> Array:
+    """Return C, body to n, at each rest by an estimate of `solve`, (m, 3, 3).
+
+    Parameters
+    ----------
+    estimate : Estimate
+    segments, sensor
+        As of `solve`.
+    latitude : float
+        rad.
+    """
+    start, _ = _start(segments, sensor, latitude)
+    at = [estimate.names.index(name) for name in attitude_names(segments.labels)]
+    return exp_so3(estimate.value[at].reshape(-1, 3)) @ start
+
+
+def _start(segments: Segments, sensor: Sensor, latitude: float) -> tuple[Array, Array]:
+    """Return C at each rest and the coefficients where the search starts."""
+    nominal = np.zeros(len(sensor.coefficients))
+    return initial_attitudes(segments, ImuModel(sensor), nominal, latitude)
+
+
 def solve(
     segments: Segments, sensor: Sensor, known: StillTable, priors: Sequence[Gaussian] = ()
 ) -> Estimate:
@@ -63,8 +88,8 @@ def solve(
         Coefficients that these rests and turns do not determine.
     """
     model = ImuModel(sensor)
-    p, m = len(sensor.coefficients), len(segments.labels)
-    attitudes, c = initial_attitudes(segments, model, np.zeros(p), known.latitude.value)
+    m = len(segments.labels)
+    attitudes, c = _start(segments, sensor, known.latitude.value)
     require_turns(attitudes, sensor, priors)
     rows = RestAndTurnRows(segments, model, attitudes, known.gravity.value, known.latitude.value)
     whole = np.concatenate([c, [0.0, known.gravity.value, known.latitude.value], np.zeros(3 * m)])

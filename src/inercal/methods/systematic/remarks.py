@@ -7,9 +7,7 @@ import numpy as np
 from inercal.benches.report_data import Panel, Plot, Series
 from inercal.benches.turntable.still_table import StillTable
 from inercal.methods._base import Fit, Remarks
-from inercal.methods.systematic.alignment import initial_attitudes
-from inercal.methods.systematic.generalised_least_squares import LAG
-from inercal.methods.systematic.navigation import ImuModel
+from inercal.methods.systematic.generalised_least_squares import LAG, estimated_attitudes
 from inercal.methods.systematic.navigation_error import (
     VelocityErrors,
     position_drift,
@@ -59,8 +57,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
         f"{_kilometres(before)} without this calibration, and with it by U = "
         f"{_kilometres(after)} (k = 2; noise and later changes not counted)",
     )
-    model = ImuModel(sensor)
-    attitudes, _ = initial_attitudes(segments, model, estimate.value[:p], place[1])
+    attitudes = estimated_attitudes(estimate, segments, sensor, place[1])
     errors = velocity_errors(segments, sensor, estimate.value[:p], attitudes, *place)
     findings += [
         Finding("warning", "path", text)
