@@ -250,7 +250,19 @@ def test_gravity_and_latitude_enter_as_shared_errors():
     assert by is not None
     assert by[k1] == pytest.approx(-1 / made.G, rel=0.01)
     assert estimate.std[k1] > 0.999 * 4e-4 / made.G
-    assert estimate.sensitivity("latitude", 1e-4) is not None
+    for name, step, moved in (
+        ("latitude", 1e-4, {"latitude": table.latitude + 1e-4}),
+        ("g", 1e-3, {"gravity": table.gravity + 1e-3}),
+    ):
+        by = estimate.sensitivity(name, 4e-4 if name == "g" else 1e-4)
+        assert by is not None
+        segments = segments_of_track(seen.track, seen.labels, sensor)
+        one, other = (
+            solve(segments, sensor, table_of(table, **changed)) for changed in ({}, moved)
+        )
+        p = len(sensor.coefficients)
+        shift = (other.value - one.value)[:p]
+        assert (np.abs(shift - step * by[:p]) < 0.02 * one.std[:p] + 0.01 * np.abs(shift)).all()
 
 
 def test_instants_are_integrated_as_well_as_means():
