@@ -274,6 +274,15 @@ def test_instants_are_integrated_as_well_as_means():
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.02
 
 
+def test_a_lag_of_many_samples_is_found():
+    sensor = sensor_of(made.NAVIGATION)
+    rng = np.random.default_rng(1)
+    truth, _ = made.draw_truth(made.NAVIGATION, rng)
+    recorded = made.record(truth, -0.08, SHORT, rng, rate_hz=100.0)
+    error, covariance = errors_of(solved(recorded, sensor, table_of(SHORT)), recorded, sensor)
+    assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.05
+
+
 def test_a_table_that_creeps_or_is_knocked_fails_the_test_of_halves():
     sensor, table = sensor_of(made.NAVIGATION), made.Table()
     for changed in ({"creep": (2 * ARCSEC, 10.0)}, {"knock": (20 * ARCSEC, 300.0)}):

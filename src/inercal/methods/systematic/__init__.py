@@ -23,13 +23,15 @@ from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.systematic.coefficient_rules import require_determined
-from inercal.methods.systematic.generalised_least_squares import solve
+from inercal.methods.systematic.generalised_least_squares import LAG, solve
 from inercal.methods.systematic.remarks import remarks
 from inercal.methods.systematic.segment_tests import rest_change_test
-from inercal.methods.systematic.segments import segments_of_track
+from inercal.methods.systematic.segments import segments_of_track, shift_forces
 from inercal.plan import TableStep
 from inercal.recording import Observations
 from inercal.sensors import Sensor
+
+_LARGEST_LAG = 0.5  # s, half of what a turn has of rest at its ends
 
 
 def batch(
@@ -78,6 +80,14 @@ def batch(
     known = StillTable.from_turntable(bench)
     segments = segments_of_track(track, observations.labels, sensor)
     estimate = solve(segments, sensor, known, priors)
+    k = estimate.names.index(LAG)
+    # The rows are of second order in the lag: whole samples of it are taken out beforehand.
+    samples = round(float(estimate.value[k]) / segments.dt)
+    if abs(samples) > 1 and abs(samples) * segments.dt < _LARGEST_LAG:
+        estimate = solve(shift_forces(segments, samples), sensor, known, priors)
+        value = estimate.value.copy()
+        value[k] += samples * segments.dt
+        estimate = replace(estimate, value=value)
     return replace(estimate, tests=(*estimate.tests, rest_change_test(segments, sensor)))
 
 

@@ -1,6 +1,6 @@
 """A recording cut into rests and the turns between them, with what noise and drift each has."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -130,6 +130,19 @@ def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> 
         run=(float(time[0] - 0.5 * dt), float(time[-1] + 0.5 * dt)),
         means=track.samples_are_means,
     )
+
+
+def shift_forces(segments: Segments, samples: int) -> Segments:
+    """Return the segments with the accelerometers of the turns that many samples earlier.
+
+    A turn begins and ends at rest: its first or last sample stands for those beyond.
+    """
+    moving = segments.moving.copy()
+    for first, last in zip(segments.first.tolist(), segments.last.tolist(), strict=True):
+        own: Indices = np.array(range(first, last), dtype=np.int64)
+        at = np.clip(own + samples, first, last - 1)
+        moving[first:last, :3] = segments.moving[at, :3]
+    return replace(segments, moving=moving)
 
 
 def _rest_ranges(hold: Indices) -> Indices:
