@@ -103,7 +103,8 @@ def test_without_the_second_order_term_a_turn_ends_at_44_micrometres_a_second():
 
 def test_the_jacobian_is_that_of_differences():
     sensor = sensor_of(made.NAVIGATION, also=("g", "scale_prime"))
-    recorded = device("N", rate_hz=50.0, noisy=False)
+    table = replace(SHORT, path=("+y", "+x", "+z", "-y", "-x", "-z"))
+    recorded = device("N", table=table, rate_hz=50.0, noisy=False)
     segments, p = segments_of(recorded, sensor), len(sensor.coefficients)
     rows = RestAndTurnRows(
         segments, ImuModel(sensor), recorded.attitudes, SHORT.gravity, SHORT.latitude
