@@ -50,7 +50,8 @@ def test_after_compile_no_method_compiles(tmp_path: Path):
     assert answer["folder"] == str(own / "inercal")
     assert answer["not_compiled"] == []
     assert answer["kernels"] == len(list(own.rglob("*.nbc"))) > 50
-    for example in ("hand_held/simulated", "turntable/mimu", "ferraris_simulated/run"):
+    examples = ("hand_held/simulated", "turntable/mimu", "systematic/imu", "ferraris_simulated/run")
+    for example in examples:
         run = copytree((ROOT / "examples" / example).parent, tmp_path / example) / "run.toml"
         run = run.with_name(f"{Path(example).name}.toml")
         for verb in (("simulate", run), ("calibrate", run, "--out", tmp_path)):

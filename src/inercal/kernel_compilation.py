@@ -2,8 +2,9 @@
 
 Numba compiles a kernel when it is first called with arguments of certain types. The kernels are
 therefore called by the work that uses them, on short simulated recordings: a run on a simulated
-turntable with its bench's processes, the other methods on its recording, a hand-held IMU, and
-batches of fits of a centrifuge by norms and by vectors, and of means in six positions.
+turntable with its bench's processes, the other methods on its recording, an IMU by navigation
+between rests, a hand-held IMU, and batches of fits of a centrifuge by norms and by vectors, and of
+means in six positions.
 """
 
 from collections.abc import Callable, Iterator
@@ -58,6 +59,31 @@ turns = 10
 """
 
 
+_NAVIGATION = """\
+[sensor]
+name = "imu"
+[sensor.accelerometer]
+unit = "g"
+white = "60 µg/√Hz"
+[sensor.gyro]
+unit = "°/s"
+white = "0.1 °/√h"
+[bench]
+kind = "turntable"
+gravity = "9.80123 m/s² ± 0.1 mm/s²"
+latitude = "39.00 ° ± 0.01 °"
+[data]
+file = "navigation.csv"
+time = "time"
+rate = "20 Hz"
+accelerometer = ["ax", "ay", "az"]
+gyro = ["gx", "gy", "gz"]
+[method]
+name = "systematic"
+seconds = "10 s"
+"""
+
+
 def compile_kernels(progress: Callable[[str], None]) -> tuple[str, ...]:
     """Do each piece of work once; Numba keeps the kernels in its cache.
 
@@ -89,6 +115,7 @@ def _work(folder: Path) -> Iterator[tuple[str, Callable[[], object]]]:
     yield "a run on a simulated turntable", partial(demo, driven, quick=True)
     for name in _OTHER_METHODS:
         yield f"the recording of a turntable by {name}", partial(_follow_recording, driven, name)
+    yield "an IMU by navigation between rests", partial(_calibrate_by_navigation, folder)
     yield "a hand-held IMU", partial(_calibrate_by_hand, folder)
     yield "batches of fits", partial(_fit_batches, folder)
     yield "check sums of packets", _check_packets
@@ -101,6 +128,16 @@ def _follow_recording(driven: Path, name: str) -> None:
     other = driven / f"{name}.toml"
     other.write_text(text, encoding="utf-8")
     calibrate(other)
+
+
+def _calibrate_by_navigation(folder: Path) -> None:
+    """Simulate an IMU that rests and turns on a table whose angles are not used; calibrate it."""
+    path = folder / "navigation.toml"
+    path.write_text(_NAVIGATION, encoding="utf-8")
+    run = read(path)
+    made = simulate_files(run, 0)
+    write_recordings({run.file(name): one for name, one in made.items()})
+    calibrate(run)
 
 
 def _calibrate_by_hand(folder: Path) -> None:

@@ -50,6 +50,8 @@ class BenchUsage:
         Whether the data are means.
     rest : bool
         Whether the whole recording is one rest.
+    angles : bool
+        Whether the angles of a table are used.
     """
 
     method: str
@@ -58,6 +60,7 @@ class BenchUsage:
     gyros: bool
     means: bool
     rest: bool = False
+    angles: bool = True
 
 
 class Section(BaseModel):

@@ -75,6 +75,10 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
     columns = [key for key in columns if key not in DataSection.model_fields]
     ramp = METHODS[method].follows_rest
     gyros = "w" in METHODS[method].default_coefficients
+    # Without angles, what a table errs by is not stated, and no column of it is read.
+    read_angles = not METHODS[method].without_angles
+    bench = BENCHES.get(kind.name, HAND.get(method, ()))
+    table = COLUMNS.get(kind.name, TURN_COLUMNS.get(method, ()))
     lines = [
         "[sensor]",
         'name = "sensor"',
@@ -87,7 +91,7 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         *(() if ramp else ('gravity = "9.8073 m/s² ± 0.1 mm/s²"',)),
         *(f'{key} = "0.25 m ± 0.1 mm"' for key in needed),
         *(('latitude = "48.1 °"',) if "latitude" in section and not ramp else ()),
-        *BENCHES.get(kind.name, HAND.get(method, ())),
+        *(bench if read_angles else ()),
         "[data]",
         'file = "made.npz"',
         'time = "time"',
@@ -97,7 +101,7 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         f"accelerometer = {list(axes)}",
         *(('gyro = ["gx", "gy", "gz"]',) if gyros else ()),
         *(f'{key} = "{key}"' for key in columns),
-        *COLUMNS.get(kind.name, TURN_COLUMNS.get(method, ())),
+        *(table if read_angles else ()),
         *(('temperature = "temp"', *ENVIRONMENT) if METHODS[method].follows_rest else ()),
         "[method]",
         *(('seconds = "1200 s"',) if METHODS[method].follows_rest else ()),

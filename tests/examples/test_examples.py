@@ -95,6 +95,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"rate_table/ship_bench.toml"}  # by tests/host/test_ship_run.py
     run |= {"rate_table/ship_recording.toml"}  # by tests/runs/test_rate_table_simulated.py
     run |= {f"turntable/{name}.toml" for name in ("mimu", "two_clocks", "filter_keys")}
+    run |= {"systematic/imu.toml"}
     run |= {"bench/packets.toml"}  # by tests/host/packets/test_how_to_page.py
     run |= {"bench/plan.toml", "verdict/left_out.toml"}
     run |= {"own_bench/tilt.toml"}  # by tests/benches/test_external_kind.py
@@ -119,6 +120,7 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
         "turntable/mimu",
         "turntable/two_clocks",
         "turntable/filter_keys",
+        "systematic/imu",
     ],
 )
 def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: str):

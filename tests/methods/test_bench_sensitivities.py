@@ -145,6 +145,7 @@ def test_every_estimator_is_in_one_of_the_lists():
         *CERTAIN,
         ("ship_multi_angle", "global"),
         ("temperature_ramp", "gls"),  # uses no error of a bench
+        ("systematic", "batch"),  # by tests/methods/test_systematic.py
     }
 
 

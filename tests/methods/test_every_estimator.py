@@ -124,7 +124,9 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
         whole = mounted_sensor(axes="a" if method == "tumble" else "ab")
         whole = replace(whole, form="reference" if estimator == "fourier" else "tilted")
     if chosen.bench is Turntable or chosen.follows_rest:
-        quiet = [replace(axis, noise=Noise(white=1e-7)) for axis in whole.axes]
+        # Navigation through a turn that starts between two samples is less exact than its noise.
+        white = 1e-5 if method == "systematic" else 1e-7
+        quiet = [replace(axis, noise=Noise(white=white)) for axis in whole.axes]
         whole = replace(whole, axes=tuple(quiet))
     sensor = chosen.prepare(whole)
     p = len(sensor.coefficients)
@@ -139,6 +141,8 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
     if chosen.bench is Centrifuge:
         # At tens of g a quadratic term of this size would fold the reading.
         c[[name.endswith("k2") for name in sensor.coefficients]] *= 1e-3
+    if method == "systematic":  # an arm of its natural size is 10 m long
+        c[[".arm" in name for name in sensor.coefficients]] *= 1e-2
     made = perfect(sensor, c, method)
     found = chosen.estimator(estimator)(made, sensor, bench_of(method), chosen.plan(), priors)
     if estimator == "global":
@@ -154,7 +158,7 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
     if chosen.bench is Turntable:
         # Rates are linear between samples, which is not so where an axis starts; the others have
         # room for that besides the readback.
-        atol = 2e-5 if estimator == "paper" else 1e-6
+        atol = {"paper": 2e-5, "batch": 5e-6}.get(estimator, 1e-6)
     np.testing.assert_allclose(
         found.value[:p] / sensor.unit_scale, c / sensor.unit_scale, atol=atol
     )

@@ -127,6 +127,7 @@ SLOW = {
     "turntable_kalman": recording(TABLE, "50 Hz"),
     "turntable_discrete": recording(TABLE, "50 Hz", of("turntable_discrete")),
     "turntable_trajectory": recording(TABLE, "50 Hz", of("turntable_trajectory")),
+    "systematic": recording("systematic/imu.toml", "20 Hz", seconds("12 s")),
 }
 CASES = [
     *(pytest.param(case, id=name) for name, case in QUICK.items()),

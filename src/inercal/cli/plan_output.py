@@ -156,6 +156,7 @@ def _path_plan(run: "Run") -> _Plan:
             else f"A table of axes {axes} does not determine every coefficient: choose some by "
             '[method] coefficients, such as ["gz.bias", "gz.scale"].'
         )
+    notes += sheet.warnings
     notes.append("Uncertainties are for the stated noise and table, and an ideal sensor.")
     steps = [
         {
@@ -166,7 +167,7 @@ def _path_plan(run: "Run") -> _Plan:
         }
         for row in sheet.rows
     ]
-    more = {"undecided": list(sheet.undecided)}
+    more = {"undecided": list(sheet.undecided), "warnings": list(sheet.warnings)}
     return _Plan(steps, sheet.seconds, table, (sheet.expected,), notes, more)
 
 

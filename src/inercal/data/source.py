@@ -36,6 +36,11 @@ class ChosenMethod(Protocol):
         ...
 
     @property
+    def without_angles(self) -> bool:
+        """Whether it uses no angle of a turntable: the gyros show rests and turns."""
+        ...
+
+    @property
     def sequential(self) -> object:
         """Its sequential estimator; None where it has none."""
         ...

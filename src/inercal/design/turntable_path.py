@@ -18,6 +18,7 @@ from inercal.design.expected_uncertainty import (
     coefficient_uncertainties,
     estimated_uncertainties,
 )
+from inercal.design.still_table_path import still_table_uncertainties
 from inercal.errors import InputError, NotObserved
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.methods.turntable import model
@@ -66,12 +67,15 @@ class PathSheet:
         Of each coefficient; NaN where the path does not improve the first guess.
     undecided : tuple of str
         Directions of the coefficients that the path does not determine, in words.
+    warnings : tuple of str
+        Of turns that the method does not see.
     """
 
     run: Run
     rows: tuple[PathStep, ...]
     expected: tuple[ExpectedUncertainty, ...]
     undecided: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -97,14 +101,17 @@ def turntable_path_sheet(run: Run) -> PathSheet:
         way = path_profile(bench, steps)
         track = ideal_track(run, bench, way, steps)
         undecided: tuple[str, ...] = ()
-        if run.method.name == KALMAN.name:
+        warnings: tuple[str, ...] = ()
+        if run.method.without_angles:
+            expected, warnings = still_table_uncertainties(run, bench, track)
+        elif run.method.name == KALMAN.name:
             expected, undecided = _filter_uncertainties(run, bench, track)
         else:
             sections = _section_steps(way, steps)
             expected = _estimator_uncertainties(run, bench, track, sections, way)
     except (InputError, NotObserved) as error:
         raise error.located(run.path) from None
-    return PathSheet(run, _path_steps(way, steps), expected, undecided)
+    return PathSheet(run, _path_steps(way, steps), expected, undecided, warnings)
 
 
 def ideal_track(run: Run, bench: Turntable, way: PathProfile, steps: Sequence[TableStep]) -> Track:

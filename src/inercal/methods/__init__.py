@@ -30,6 +30,7 @@ METHODS: Registry[Method[Any, Any]] = Registry(
             "turntable_kalman",
             "turntable_discrete",
             "turntable_trajectory",
+            "systematic",
             "temperature_ramp",
         )
     },

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 from inercal.arrays import Array
+from inercal.benches.report_data import Plot
 from inercal.calibration.forms import Frame
 from inercal.environment import Environment
 from inercal.errors import InputError
@@ -157,11 +158,14 @@ class Remarks(NamedTuple):
         Sentences for the verdict.
     conditions : mapping of str to str
         Of the calibration, as text with units.
+    plots : tuple of Plot
+        Further figures of the report.
     """
 
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
     conditions: Mapping[str, str] = MappingProxyType({})
+    plots: tuple[Plot, ...] = ()
 
 
 def _no_remarks(fit: Fit[Any, Any]) -> Remarks:
@@ -206,6 +210,8 @@ class Method(Generic[Bench, Step]):
         means, and correcting a recording says where it is left.
     follows_rest : bool
         Whether the whole recording is one rest, whose samples the estimator follows.
+    without_angles : bool
+        Whether it uses no angle of a turntable: the gyros show rests and turns.
     weighs_common_errors : bool
         Whether its estimators weigh rows by their whole covariance, with errors in common.
     sequential : callable or None
@@ -226,6 +232,7 @@ class Method(Generic[Bench, Step]):
     remarks: Callable[[Fit[Bench, Step]], Remarks] = _no_remarks
     constant_rates: bool = False
     follows_rest: bool = False
+    without_angles: bool = False
     weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
 

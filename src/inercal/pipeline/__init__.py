@@ -14,6 +14,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
+from inercal.benches.report_data import Plot
 from inercal.calibration import Calibration
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.display import to_html
@@ -88,6 +89,8 @@ class Outcome:
         Of an estimator that searches.
     temperature_fit : TemperatureFit or None
         Soaks, orders and prediction errors, where temperatures were stated or tested.
+    plots : tuple of Plot
+        Figures that the method adds to the report.
     """
 
     calibration: Calibration
@@ -104,6 +107,7 @@ class Outcome:
     rests: RestDetection | None = None
     search: "SearchHistory | None" = None
     temperature_fit: TemperatureFit | None = None
+    plots: tuple[Plot, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Outcome: {repr(self.calibration).strip('<>')}>"
@@ -319,6 +323,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         inputs.rests,
         _search_history(run, generations),
         thermal,
+        remarks.plots,
     )
 
 

@@ -166,7 +166,8 @@ def shared_errors(
     declared = {q.name: q for q in run.bench.parameters}
     shared = list(qualified_errors(run, estimate, expected, count))
     for name, q in expected.items():
-        if q.scope != "run" or q.sd <= 0 or declared[q.name] != q:
+        # A reader may declare more than the run's bench: a latitude with its uncertainty.
+        if q.scope != "run" or q.sd <= 0 or declared.get(q.name, q) != q:
             continue
         if q.name in run.qualified.parameters.names:
             continue

@@ -46,6 +46,9 @@ class Track:
         K.
     angle_quality : AngleQuality or None
         None where each sample has an angle that was read at its time, with the readback's noise.
+    samples_are_means : bool
+        Whether a sample is the mean of its reading over one period about its time, as of an IMU
+        that integrates, and not the reading at its time.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class Track:
     hold: Indices
     temperature: Array | None = None
     angle_quality: AngleQuality | None = None
+    samples_are_means: bool = False
 
     def __post_init__(self) -> None:
         n = self.time.size
@@ -106,6 +110,7 @@ class Track:
             self.hold[at],
             None if self.temperature is None else self.temperature[..., at],
             None if self.angle_quality is None else self.angle_quality.where(at),
+            self.samples_are_means,
         )
 
     def angle_variance(self, variance: float) -> Array:
@@ -129,7 +134,13 @@ class Track:
         if t is not None and t.ndim > 1:
             t = t[index]
         return Track(
-            self.time, self.reading[index], self.angles[index], self.hold, t, self.angle_quality
+            self.time,
+            self.reading[index],
+            self.angles[index],
+            self.hold,
+            t,
+            self.angle_quality,
+            self.samples_are_means,
         )
 
     def temperature_offset(self, reference: float) -> Array | None:

@@ -89,7 +89,7 @@ def page(
         candidate_count=judged.candidate_count(outcome),
         whole=uses_whole_recording(outcome),
         words=words,
-        plots=[(one.text, draw_plot(one)) for one in kind.plots(outcome)],
+        plots=[(one.text, draw_plot(one)) for one in (*kind.plots(outcome), *outcome.plots)],
         search=None if outcome.search is None else filter_figures.search_figure(outcome.search),
         over_time=None if register is None else _history_section(register),
         course=_filter_figures(outcome, truth),

@@ -21,6 +21,11 @@ from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg
 
 SENSOR_KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
+# Parts of rows that are no axis, such as "velocity east"
+_ROW_KINDS = {
+    "attitude": ("Attitude after turns", "″", np.pi / 648_000),
+    "velocity": ("Velocity after turns", "mm/s", 1e-3),
+}
 BAND_LIMIT = 2.0
 """Standard deviations that are shaded."""
 _OBSERVATION_NAME = re.compile(r"([^\[\]]+)\[([^\[\]]+)\]")  # of an observation: the axis, the row
@@ -44,21 +49,38 @@ def residuals(outcome: Outcome) -> Markup:
         return _group_residual_figure(outcome)
     seen = _residual_table(outcome)
     kinds = list(dict.fromkeys(kind for kind in seen.kinds))
-    rooms = [drawing.label_room(()), drawing.label_room(seen.rows)]
+    # Turns have a figure of their own below that of means.
+    figures = [_residual_panels(seen, [k for k in kinds if k in SENSOR_KINDS], "residuals")]
+    if further := [kind for kind in kinds if kind in _ROW_KINDS]:
+        figures.append(_residual_panels(seen, further, "residuals_of_turns"))
+    return Markup("").join(figures)
+
+
+def _residual_panels(seen: "_ResidualTable", kinds: Sequence[str], name: str) -> Markup:
+    """Return the figure of some kinds of residuals."""
+    members = {kind: [k for k, own in enumerate(seen.kinds) if own == kind] for kind in kinds}
+    has = {
+        kind: np.flatnonzero((~np.isnan(seen.whitened[:, at])).any(axis=1))
+        for kind, at in members.items()
+    }
+    rows = {kind: [seen.rows[k] for k in own.tolist()] for kind, own in has.items()}
+    named = list(dict.fromkeys(row for some in rows.values() for row in some))
+    rooms = [drawing.label_room(()), drawing.label_room(named)]
     figure, (first, second) = drawing.panels(1.65, rooms, len(kinds))
     for upper, lower, kind in zip(first, second, kinds, strict=True):
-        members = [k for k, own in enumerate(seen.kinds) if own == kind]
-        names = [seen.parts[k] for k in members]
-        title, unit, si = SENSOR_KINDS[kind]
-        draw_dots(upper, seen.whitened[:, members], names, band=True)
-        draw_dots(lower, seen.plain[:, members] / si, names, band=False)
-        drawing.name_positions(upper, seen.rows, named=False)
-        drawing.name_positions(lower, seen.rows, worst=rows_beyond_band(seen.whitened[:, members]))
+        at = members[kind]
+        names = [seen.parts[k].removeprefix(f"{kind} ") for k in at]
+        title, unit, si = (SENSOR_KINDS | _ROW_KINDS)[kind]
+        whitened = seen.whitened[has[kind]][:, at]
+        draw_dots(upper, whitened, names, band=True)
+        draw_dots(lower, seen.plain[has[kind]][:, at] / si, names, band=False)
+        drawing.name_positions(upper, rows[kind], named=False)
+        drawing.name_positions(lower, rows[kind], worst=rows_beyond_band(whitened))
         upper.set_title(title)
         upper.set_ylabel("standard deviations")
         lower.set_ylabel(unit)
         drawing.add_legend(upper)
-    return svg(figure, "residuals", "Residuals of each mean reading, by position and turn")
+    return svg(figure, name, "Residuals of each mean reading, by position and turn")
 
 
 class _ResidualTable(NamedTuple):
@@ -87,7 +109,14 @@ def _residual_table(outcome: Outcome) -> _ResidualTable:
         whitened, plain = (x.reshape(len(rows), -1) for x in (estimate.whitened, estimate.residual))
         alone = whitened.shape[1] == 1 < len(sensor.axes)
         parts = ["norm"] if alone else [axis.name for axis in sensor.axes]
-    return _ResidualTable(rows, parts, [measures.get(part, "f") for part in parts], whitened, plain)
+    kinds = [measures.get(part) or _row_kind(part) for part in parts]
+    return _ResidualTable(rows, parts, kinds, whitened, plain)
+
+
+def _row_kind(part: str) -> str:
+    """Return the kind of a part that is no axis: "velocity" of "velocity east", or "f"."""
+    word = part.partition(" ")[0]
+    return word if word in _ROW_KINDS else "f"
 
 
 def residual_tables(

@@ -55,6 +55,7 @@ def require_used_keys(
         gyros="w" in chosen.default_coefficients and schema.sensor.gyro is not None,
         means=schema.data.kind == "means",
         rest=chosen.follows_rest,
+        angles=not chosen.without_angles,
     )
     stated = schema.bench.gravity is not None or schema.bench.latitude is not None
     if not (stated or chosen.follows_rest):

@@ -43,6 +43,7 @@ CASES = {
     "turntable_kalman": "turntable",
     "turntable_discrete": "turntable",
     "turntable_trajectory": "turntable",
+    "systematic": "systematic",
     "temperature_ramp": "temperature_ramp",
 }
 """The methods, and the run file of each one's data; its [method] is replaced by the name."""

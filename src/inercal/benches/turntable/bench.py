@@ -71,6 +71,8 @@ class Turntable:
         Of each axis in their order, or one for all.
     qualified : QualifiedParameters
         What qualifications found: attitudes and readback are corrected by the values.
+    place : Measured or None
+        The latitude with its uncertainty, rad, for methods that count it; None is exact.
 
     Raises
     ------
@@ -95,6 +97,7 @@ class Turntable:
     lever: tuple[Measured, Measured, Measured] = (_EXACT, _EXACT, _EXACT)
     limits: tuple[AxisMotionLimits, ...] = _DEFAULT_LIMITS
     qualified: QualifiedParameters = NOT_QUALIFIED
+    place: Measured | None = None
 
     def __post_init__(self) -> None:
         k = len(self.axes)

@@ -3,7 +3,10 @@
 "paper" warms up, holds ten positions for the accelerometers, turns 720° at 10 °/s about each axis
 for the gyros and rests. The source's figure of the positions is not available: these ten are a
 reconstruction. "fast" turns ±1080° at 30 °/s in the same time. "discrete" has each body axis up and
-down, and turns ±1080° at 30 °/s about the vertical in each of these six positions.
+down, and turns ±1080° at 30 °/s about the vertical in each of these six positions. "systematic"
+rests in nineteen positions with a quarter turn about a level axis between them: each body axis
+turns both ways, and each face is up twice or more. The middle axis is level, and the inner axis
+with the middle one at 0° or 180°.
 
 Source: Liu Zhiwei, Cui Min, Zhang Peng, Xu Wenwu (North University of China), fast MIMU calibration
 system.
@@ -26,6 +29,13 @@ _SIX = {
     "z_p": (0, 0, 0), "y_p": (0, 90, 0), "z_a": (0, 180, 0), "y_a": (0, 270, 0),
     "x_a": (0, 0, 90), "x_p": (0, 0, -90),
 }  # fmt: skip
+# Degrees of the middle and the inner axis, one of them a quarter turn on
+_NINETEEN = (
+    (0, 0), (90, 0), (180, 0), (270, 0), (180, 0), (90, 0), (0, 0),
+    (0, 90), (0, 180), (0, 270), (0, 180), (0, 90),
+    (90, 90), (180, 90), (270, 90), (180, 90), (90, 90), (0, 90), (0, 0),
+)  # fmt: skip
+_FIRST_LONGER, _LAST_LONGER = 1.75, 2.25  # of a rest
 _AXIS = {"x": 1, "y": 2, "z": 0}
 _WARM_UP = Position("warm-up", _HOME, 120.0)
 _REST = Position("rest", _HOME, 72.0)
@@ -75,6 +85,26 @@ def discrete_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
     return tuple(steps)
 
 
+def systematic_path(seconds: float = 40.0) -> tuple[TableStep, ...]:
+    """Return nineteen rests of `seconds`, the first and the last longer, between quarter turns."""
+    longer = {0: _FIRST_LONGER, len(_NINETEEN) - 1: _LAST_LONGER}
+    return tuple(
+        Position(f"p{k + 1}", (0.0, radians(middle), radians(inner)), longer.get(k, 1.0) * seconds)
+        for k, (middle, inner) in enumerate(_NINETEEN)
+    )
+
+
+def systematic_plan(path: str = "systematic", seconds: float = 40.0) -> tuple[TableStep, ...]:
+    """Return a path by name, with positions of `seconds`, for a calibration by navigation.
+
+    Raises
+    ------
+    InputError
+        No such path; the message lists the paths.
+    """
+    return path_by_name(path, seconds)
+
+
 def _positions(seconds: float) -> list[Position]:
     return [
         Position(f"p{k}", (radians(outer), radians(middle), radians(inner)), seconds)
@@ -86,5 +116,6 @@ PATHS: Mapping[str, Callable[[float], tuple[TableStep, ...]]] = {
     "paper": paper_path,
     "fast": fast_path,
     "discrete": discrete_path,
+    "systematic": systematic_path,
 }
 """By name, of the seconds that a position lasts."""

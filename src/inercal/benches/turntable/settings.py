@@ -8,11 +8,13 @@ from pydantic import Field, model_validator
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.still_table import StillTable
 from inercal.data.data_section import DataSection, ReadbackColumn, unit_size
 from inercal.errors import InputError
 from inercal.section_settings import (
     PLANNING,
     BenchSection,
+    BenchUsage,
     key_error,
     measured_constant,
     section_constant,
@@ -45,6 +47,15 @@ class TurntableSection(BenchSection):
         json_schema_extra=PLANNING,
     )
 
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
+        """Return the keys that change no result in this use, each with the reason."""
+        if not use.angles:
+            keys = ("azimuth", "lean", "square", "harmonics", "noise", "latency", "clock")
+            return dict.fromkeys(keys, f"{use.method} uses no angle of the table")
+        if self.latitude is not None:
+            si_value(self.latitude, "°", "[bench] latitude")  # refuses an uncertainty
+        return {}
+
 
 class TurntableData(DataSection):
     """[data] of a turntable: a recording, with the angles of its axes."""
@@ -60,6 +71,11 @@ class TurntableData(DataSection):
     )
     table_time: str | int | None = Field(None, description="in that file: column of time")
     table_time_unit: str = "s"
+    sample: Literal["instant", "mean"] = Field(
+        "instant",
+        description="whether a sample is the reading at its time, or its mean over one period, as "
+        "of an IMU that integrates; for method systematic",
+    )
     hold: str | int | None = Field(
         None,
         description="column of the number of each hold, negative elsewhere, that a bench host "
@@ -82,7 +98,7 @@ class TurntableData(DataSection):
             )
         return self
 
-    def readback(self, bench: Turntable) -> tuple[ReadbackColumn, ...]:
+    def readback(self, bench: Turntable | StillTable) -> tuple[ReadbackColumn, ...]:
         """Return the columns of the axes' angles: those of `table`, else the names of the axes.
 
         Raises
@@ -90,6 +106,8 @@ class TurntableData(DataSection):
         InputError
             Another number of columns than axes, or no unit of angles.
         """
+        if isinstance(bench, StillTable):
+            return ()
         columns = self.table or bench.names
         if len(columns) != len(bench.names):
             raise key_error(
@@ -128,7 +146,7 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
             f"{', '.join(section.lever)}: each component must be at most 1 m, the distance from "
             "the intersection of the axes to the IMU",
         )
-    azimuth = section_constant(section, "azimuth", "°")
+    azimuth, place = (section_constant(section, key, "°") for key in ("azimuth", "latitude"))
     if azimuth.sd > _WIDEST_AZIMUTH:
         raise key_error(
             "[bench] azimuth",
@@ -138,7 +156,8 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
     return build_bench(
         Turntable,
         section,
-        latitude=si_value(section.latitude, "°", "[bench] latitude"),
+        latitude=place.value,
+        place=place,
         azimuth=azimuth,
         axes=section.axes,
         harmonics=section_harmonics(section, "harmonics"),

@@ -26,6 +26,7 @@ from inercal.io.column_table import row_blocks
 from inercal.motion import Motion
 from inercal.plan import Position, Rotation, TableStep, table_steps
 from inercal.recording import Recording
+from inercal.section_settings import key_error
 from inercal.units import si_factor
 
 _THERE = 1e-12  # rad: an axis this near its goal does not move
@@ -240,6 +241,12 @@ def readback_files(
     the recording and ends after it, as if started and stopped by hand.
     """
     bench, data, rate = run.bench, run.data, run.rate_hz
+    if data.sample == "mean":
+        raise key_error(
+            "[data] sample",
+            'a simulation makes readings at their times; write sample = "instant" to simulate',
+            run.path,
+        )
     if data.table_file is None:
         return {}
     assert rate is not None

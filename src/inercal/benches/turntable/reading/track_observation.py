@@ -26,6 +26,7 @@ from inercal.benches.turntable.reading.sample_checks import (
     spike_findings,
 )
 from inercal.benches.turntable.reading.step_labels import compare_with_plan, label_steps
+from inercal.benches.turntable.reading.still_table_observation import observe_without_angles
 from inercal.benches.turntable.reading.track_checks import (
     ColumnNames,
     check_track,
@@ -75,6 +76,12 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     InputError
         The data cannot be used.
     """
+    if run.method.without_angles:
+        return observe_without_angles(run)
+    if "sample" in run.data.model_fields_set:
+        raise key_error(
+            "[data] sample", f"{run.method.name} takes readings at their times; remove it", run.path
+        )
     bench: Turntable = run.bench
     _require_track(run)
     require_distinct_columns(run, *(str(c) for c in (run.data.table_time,) if c is not None))

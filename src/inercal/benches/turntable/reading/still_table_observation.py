@@ -1,0 +1,248 @@
+"""From a recording on a turntable that nobody reads to its rests, found in the gyros.
+
+A rest is where the mean rate over 0.2 s is within 0.05 °/s of its median on every axis. One second
+is cut off at the side of a turn, where the table settles; rests under 5 s are parts of turns.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import acos, cos, degrees, radians
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array, true_ranges
+from inercal.benches.turntable.attitude import reference_attitude
+from inercal.benches.turntable.settings import TurntableData
+from inercal.benches.turntable.still_table import StillTable
+from inercal.data import EstimatorInput, Source
+from inercal.data.recording_loader import load_recording
+from inercal.errors import InputError
+from inercal.io.audit import require_accepted
+from inercal.io.rest_norm import audit_rest_norm
+from inercal.plan import Hold, Position
+from inercal.recording import Finding, Mark, Recording, Track
+from inercal.section_settings import key_error
+from inercal.segments import observe as averaged
+from inercal.segments.attitudes import INVALID_SAMPLES
+from inercal.sensors import Sensor
+from inercal.units import format_quantity
+
+Indices = NDArray[np.int64]
+_WINDOW = 0.2  # s
+_MOVING = radians(0.05)  # rad/s
+_SIGMAS = 6.0  # of the noise of a window, where it exceeds that
+_SETTLING = 1.0  # s
+_SHORTEST = 5.0  # s
+_MIN_RESTS = 6
+_NEAR = cos(radians(10))  # of a rest's up to that of the plan
+_READBACK_KEYS = ("table", "table_file", "table_time", "hold")
+
+
+def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
+    """Return the rests of a recording and the track with their numbers.
+
+    Raises
+    ------
+    InputError
+        Keys of a readback, means or marks; noise that is not stated; a recording that is clipped,
+        that begins or ends in a turn, that has a gap in a turn, or fewer than six rests.
+    """
+    _require_samples(run)
+    bench = StillTable.from_turntable(run.bench)
+    sensor = run.sensor
+    recording = load_recording(replace(cast(Any, run), bench=bench))
+    recording = require_accepted(audit_rest_norm(recording, sensor, bench.gravity.value))
+    places = [recording.channels.index(name) for name in sensor.channels]
+    reading = sensor.to_si(recording.data[:, places])
+    rests = find_rests(recording.time, reading, sensor)
+    where = str(run.path)
+    _require_rests(where, recording, rests)
+    force = np.stack([reading[start:stop, :3].mean(axis=0) for start, stop in rests.tolist()])
+    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    labels, planned = _name_rests(run, recording, rests, up)
+    _require_whole_turns(where, recording, rests, labels)
+    _require_within_range(where, recording, sensor)
+    hold = np.full(recording.time.size, -1, dtype=np.int64)
+    steps: list[Hold] = []
+    for k, (start, stop) in enumerate(rests.tolist()):
+        hold[start:stop] = k
+        x, y, z = up[k].tolist()
+        steps.append(Hold(labels[k], (x, y, z), recording.span(start, stop)))
+    track = Track(
+        recording.time,
+        reading,
+        np.zeros((hold.size, 0)),
+        hold,
+        recording.temperature,
+        samples_are_means=run.data.sample == "mean",
+    )
+    marks = tuple(Mark(label, *rest) for label, rest in zip(labels, rests.tolist(), strict=True))
+    observations = averaged(recording, sensor, marks, steps, found=True)
+    return EstimatorInput(
+        recording,
+        marks,
+        replace(observations, track=track),
+        tuple(steps),
+        tuple(steps),
+        (*recording.findings, *planned),
+        {
+            "gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²"),
+            "latitude": format_quantity(bench.latitude.value, bench.latitude.sd, "°"),
+            "path": f"{len(rests)} rests and {len(rests) - 1} turns, found in the gyros",
+        },
+        bench=bench,
+    )
+
+
+def _require_samples(run: Source[TurntableData]) -> None:
+    """Refuse keys that change nothing here, and noise that is not stated."""
+    if run.data.kind == "means":
+        raise key_error(
+            "[data] kind",
+            f"method {run.method.name} integrates samples through turns; give a recording",
+            run.path,
+        )
+    unused = ["seconds"] if run.data.seconds is not None else []
+    unused += ["marks"] if run.data.marks != "found" else []
+    stated = [key for key in (*_READBACK_KEYS, "table_unit", "table_time_unit")
+              if key in run.data.model_fields_set]  # fmt: skip
+    if unused or stated:
+        key = (*unused, *stated)[0]
+        reason = "finds rests in the gyros" if unused else "uses no angle of the table"
+        raise key_error(
+            f"[data] {key}", f"method {run.method.name} {reason}; remove {key}", run.path
+        )
+    if {axis.measures for axis in run.sensor.axes} != {"f", "w"}:
+        raise key_error(
+            "[sensor.gyro]", "is missing: the gyros carry the attitude from rest to rest", run.path
+        )
+    for axis in run.sensor.axes:
+        if not axis.noise.white > 0:
+            section = "accelerometer" if axis.measures == "f" else "gyro"
+            raise key_error(
+                f"[sensor.{section}] white",
+                "the rows of rests and turns are weighed by the noise density; add it",
+                run.path,
+            )
+
+
+def find_rests(time: Array, reading: Array, sensor: Sensor) -> Indices:
+    """Return the rests, (m, 2): half-open ranges of samples.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    reading : (n, m) array
+        SI, in the order of the sensor's axes.
+    sensor : Sensor
+        Its gyros show the rests; their noise may raise the threshold.
+    """
+    gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
+    dt = float(np.median(np.diff(time)))
+    size = max(round(_WINDOW / dt), 1)
+    still = np.ones(time.size, dtype=np.bool_)
+    for k in gyros:
+        noise = sensor.axes[k].noise.rounded(1 / dt).white / (size * dt) ** 0.5
+        total = np.concatenate([[0.0], np.cumsum(reading[:, k])])
+        first = np.clip(np.arange(time.size) - size // 2, 0, time.size - size)
+        mean = (total[first + size] - total[first]) / size
+        still &= np.abs(mean - np.median(reading[:, k])) < max(_MOVING, _SIGMAS * noise)
+    margin, shortest = round(_SETTLING / dt), _SHORTEST / dt
+    found: list[tuple[int, int]] = []
+    for start, stop in true_ranges(still):
+        start += margin if start > 0 else 0
+        stop -= margin if stop < time.size else 0
+        if stop - start >= shortest:
+            found.append((start, stop))
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+
+def _name_rests(
+    run: Source[TurntableData], recording: Recording, rests: Indices, up: Array
+) -> tuple[list[str], tuple[Finding, ...]]:
+    """Return a name of each rest, (m,), and a warning where a stated plan has other attitudes.
+
+    The names are the recording's labels, else those of the plan, else numbers. `up` is the
+    direction of the mean force at each rest, (m, 3).
+    """
+    names, findings = [f"rest {k}" for k in range(1, len(rests) + 1)], tuple[Finding, ...]()
+    if run.has_plan_keys:
+        planned = [step for step in run.steps if isinstance(step, Position)]
+        nominal = np.array([reference_attitude(run.bench, np.array([s.angles]))[0, 2]
+                            for s in planned])  # fmt: skip
+        if len(planned) != len(rests):
+            findings = (_plan_finding(f"{len(rests)} rests, the plan has {len(planned)}"),)
+        elif (cosine := (nominal * up).sum(axis=1)).min() < _NEAR:
+            k = int(cosine.argmin())
+            text = f"rest {k + 1} is {degrees(acos(cosine[k])):.0f}° off {planned[k].label}"
+            findings = (_plan_finding(f"{text} of the plan"),)
+        else:
+            names = [step.label for step in planned]
+    if recording.labels is not None:
+        middles = [(start + stop) // 2 for start, stop in rests.tolist()]
+        own = [str(name).strip() for name in recording.labels[middles].tolist()]
+        if all(own) and len(set(own)) == len(own):
+            names = own
+    return names, findings
+
+
+def _plan_finding(text: str) -> Finding:
+    return Finding(
+        "warning",
+        "path",
+        f"the recording is not of the stated plan: it has {text}; check [method] path and [bench] "
+        "axes. The result does not depend on the plan",
+    )
+
+
+def _require_rests(where: str, recording: Recording, rests: Indices) -> None:
+    if len(rests) >= _MIN_RESTS:
+        return
+    raise InputError(
+        f"{where}: the gyros show {len(rests)} rest{'s' * (len(rests) != 1)} of {_SHORTEST:g} s or "
+        f"more (mean rate within {degrees(_MOVING):g} °/s over {_WINDOW:g} s, {_SETTLING:g} s cut "
+        f"off beside turns) in {recording.duration:.4g} s; a systematic calibration needs "
+        f"{_MIN_RESTS} rests with turns between them: rest longer, or check the unit of the gyros",
+    )
+
+
+def _require_whole_turns(
+    where: str, recording: Recording, rests: Indices, labels: Sequence[str]
+) -> None:
+    """Refuse turns without a rest at an end, and gaps inside of turns."""
+    time, n = recording.time, recording.time.size
+    margin = 2 * _SETTLING
+    if time[rests[0, 0]] - time[0] > margin:
+        raise InputError(
+            f"{where}: the recording begins in motion, for {time[rests[0, 0]] - time[0]:.3g} s: a "
+            "turn needs a rest at both ends; remove the samples before the first rest"
+        )
+    if time[n - 1] - time[rests[-1, 1] - 1] > margin:
+        raise InputError(
+            f"{where}: the recording ends in motion, from {time[rests[-1, 1] - 1]:.6g} s on: a "
+            "turn needs a rest at both ends; remove the samples after the last rest"
+        )
+    for before, after in np.asarray(recording.gaps, dtype=np.int64).reshape(-1, 2).tolist():
+        k = int(np.searchsorted(rests[:, 1], before, side="right"))
+        if k < len(rests) and rests[k, 0] <= before and after < rests[k, 1]:
+            continue  # within a rest, whose mean needs no complete samples
+        name = f"{labels[max(k - 1, 0)]} to {labels[min(k, len(rests) - 1)]}"
+        raise InputError(
+            f"{where}: samples are missing between {time[before]:.6g} s and {time[after]:.6g} s, "
+            f"in the turn {name}: part of its angle is lost; record again",
+            names=(name,),
+        )
+
+
+def _require_within_range(where: str, recording: Recording, sensor: Sensor) -> None:
+    """Refuse readings at the end of their range."""
+    for flaw in recording.findings:
+        if flaw.what in INVALID_SAMPLES and flaw.channel in (None, *sensor.channels):
+            raise InputError(
+                f"{where}: {flaw.message}; the integral of a clipped reading is wrong: turn "
+                "slower, or set a wider range",
+                names=() if flaw.channel is None else (flaw.channel,),
+            )

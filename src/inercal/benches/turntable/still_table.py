@@ -1,0 +1,50 @@
+"""A turntable of which nothing is read: it holds still at rests and turns between them.
+
+Its angles, its level and the squareness of its axes are unknown. What is known is gravity, and the
+Earth's rate from the latitude.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from inercal.benches.turntable.bench import Turntable
+from inercal.parameters import Parameter, local_gravity
+from inercal.sensors import Sensor
+from inercal.units import Measured
+
+
+@dataclass(frozen=True)
+class StillTable:
+    """The bench of a turntable whose angles are not used.
+
+    Parameters
+    ----------
+    gravity : Measured
+        Local gravity, m/s².
+    latitude : Measured
+        rad, positive in the north.
+    """
+
+    gravity: Measured
+    latitude: Measured
+
+    @classmethod
+    def from_turntable(cls, bench: "Turntable | StillTable") -> "StillTable":
+        """Return what is known of a turntable without its angles."""
+        if isinstance(bench, StillTable):
+            return bench
+        place = bench.place
+        return cls(bench.gravity, Measured(bench.latitude, 0.0) if place is None else place)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The imperfections, as data."""
+        return (
+            local_gravity(self.gravity),
+            Parameter.from_measured("latitude", "rad", self.latitude, "latitude"),
+        )
+
+    def nuisances(self, steps: Sequence[Any], sensor: Sensor) -> dict[str, Parameter]:
+        """Return both parameters by name: they act on every step."""
+        return {parameter.name: parameter for parameter in self.parameters}

@@ -1,0 +1,115 @@
+"""An IMU that a table turns between rests, from navigation alone: no angle of the table is used.
+
+At a rest the IMU is still on the Earth; gravity and the Earth's rate are known; gyros carry the
+attitude from a rest to the next, and velocity integrated over a turn from rest to rest is zero.
+`rest_and_turn_rows` has the equations, `_kernels` the integration.
+
+Gauges are imposed by rule. The body's frame is that of the accelerometers: ax along x, ay in the xy
+plane. Arms are counted from az: a common arm moves a rigid point whose velocity is zero at both
+ends of every turn.
+
+Sources: Camberlein and Mangeret, Calibration technique for strapdown inertial navigation systems;
+Savage 2000, Strapdown Analytics; Aitken 1935 (generalised least squares).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.paths import systematic_plan
+from inercal.benches.turntable.still_table import StillTable
+from inercal.calibration.forms import Frame
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian
+from inercal.methods._base import Method
+from inercal.methods.systematic.coefficient_rules import require_determined
+from inercal.methods.systematic.generalised_least_squares import LAG, solve
+from inercal.methods.systematic.remarks import remarks
+from inercal.methods.systematic.segment_tests import rest_change_test
+from inercal.methods.systematic.segments import segments_of_track, shift_forces
+from inercal.plan import TableStep
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+_LARGEST_LAG = 0.5  # s, half of what a turn has of rest at its ends
+
+
+def batch(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable | StillTable,
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by generalised least squares over all rests and turns.
+
+    Parameters
+    ----------
+    observations : Observations
+        One row for each rest, with the track of samples, of one trial.
+    sensor : Sensor
+        Three accelerometers, then three gyros, with their noise.
+    bench : Turntable or StillTable
+        Gravity and latitude.
+    steps : sequence of steps
+        Unused: the gyros show the motion.
+    priors : sequence of Gaussian
+        On coefficients.
+
+    Raises
+    ------
+    InputError
+        No track, trials, no noise, fewer than six rests, or axes that do not fit together.
+    NotObserved
+        Coefficients that the run does not determine.
+    """
+    track = observations.track
+    if track is None or track.reading.ndim != 2:
+        raise InputError(
+            "systematic takes the samples of one recording; give a recording", key="track"
+        )
+    for axis in sensor.axes:
+        if not axis.noise.white > 0:
+            raise InputError(
+                f"{axis.name} has no noise density: rows of rests and turns are weighed by it; "
+                "state it",
+                key="white",
+                names=(axis.name,),
+            )
+    require_determined(sensor, observations, priors)
+    known = StillTable.from_turntable(bench)
+    segments = segments_of_track(track, observations.labels, sensor)
+    estimate = solve(segments, sensor, known, priors)
+    k = estimate.names.index(LAG)
+    # The rows are of second order in the lag: whole samples of it are taken out beforehand.
+    samples = round(float(estimate.value[k]) / segments.dt)
+    if abs(samples) > 1 and abs(samples) * segments.dt < _LARGEST_LAG:
+        estimate = solve(shift_forces(segments, samples), sensor, known, priors)
+        value = estimate.value.copy()
+        value[k] += samples * segments.dt
+        estimate = replace(estimate, value=value)
+    return replace(estimate, tests=(*estimate.tests, rest_change_test(segments, sensor)))
+
+
+def _triangular(bench: Turntable) -> Frame:
+    return "triangular"
+
+
+METHOD = Method(
+    name="systematic",
+    bench=Turntable,
+    default_coefficients={
+        "f": ("bias", "scale", "nonorthogonality", "k2", "ax.arm", "ay.arm"),
+        "w": ("bias", "scale", "misalignment"),
+    },
+    also={"f": ("misalignment", "az.arm", "k1_prime", "k3"), "w": ("g", "scale_prime")},
+    needs=("f", "w"),
+    plan=systematic_plan,
+    estimators={"batch": batch},
+    frame=_triangular,
+    remarks=remarks,
+    without_angles=True,
+    source="Camberlein and Mangeret; Savage 2000; generalised least squares (Aitken 1935)",
+)
+
+__all__ = ["METHOD", "batch"]

@@ -1,0 +1,140 @@
+"""Coefficients that no path of turns between rests determines, refused by name before any step.
+
+A rule decides, not the rank: what one device shows of a gauge is noise.
+"""
+
+from collections.abc import Sequence
+from math import cos, degrees, radians
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Gaussian
+from inercal.frames import log_so3
+from inercal.keys import CoefficientName
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+
+# The body's frame: ax along x, ay in the xy plane
+FRAME = ("ax.delta_o", "ax.delta_p", "ay.delta_o")
+COMMON_ARM = ("az.arm_i", "az.arm_p", "az.arm_o")
+_CUBE = cos(radians(15))  # of the largest component of a force on a face of the cube
+_FACE = 0.5 * G0
+_LEAST_TURN = radians(45)  # about an axis, over the path
+# Terms that equal another one where |f| is gravity or zero
+_ALIKE = {"k1_prime": "k2", "k3": "k1"}
+
+
+def require_determined(
+    sensor: Sensor, observations: Observations, priors: Sequence[Gaussian]
+) -> None:
+    """Refuse coefficients that these rests cannot determine, unless a prior states them.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        With the chosen coefficients.
+    observations : Observations
+        One row for each rest.
+    priors : sequence of Gaussian
+
+    Raises
+    ------
+    NotObserved
+        The rotation of the body's frame, a common arm, or terms of even order on the faces of a
+        cube.
+    InputError
+        An axis without a rest upwards or downwards.
+    """
+    known = {name for prior in priors for name in prior.names}
+    chosen = [name for name in sensor.coefficients if name not in known]
+    _refuse_gauge(
+        chosen,
+        FRAME,
+        "rotation of the body frame",
+        "no observation fixes the frame in which the misalignments of accelerometers and gyros are "
+        "counted: choose nonorthogonality (ax along x, ay in the xy plane)",
+    )
+    _refuse_gauge(
+        chosen,
+        COMMON_ARM,
+        "common arm",
+        "a point with all three accelerometers may lie anywhere, because its velocity is zero at "
+        "both ends of a turn: choose ax.arm and ay.arm, counted from az",
+    )
+    force = observations.mean[:, [axis.measures == "f" for axis in sensor.axes]]
+    _require_both_faces(sensor, force)
+    largest = np.abs(force).max(axis=1) / np.linalg.norm(force, axis=1)
+    if (largest < _CUBE).any():
+        return
+    names = tuple(n for n in chosen if CoefficientName(n).term in _ALIKE)
+    if names:
+        axis, term = CoefficientName(names[0]).parts
+        raise NotObserved(
+            f"all rests are within 15° of the faces of a cube, where {', '.join(names)} cannot be "
+            f"told from {axis}.{_ALIKE[term]} (forces are gravity or zero): add rests at 45°, or "
+            "state a prior ([method.prior])",
+            tuple(f"{name} and {_partner(name)}" for name in names),
+            names=names,
+        )
+
+
+def require_turns(attitudes: Array, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+    """Refuse coefficients of gyros for body axes about which the path does not turn.
+
+    Parameters
+    ----------
+    attitudes : (m, 3, 3) array
+        C, body to n, at each rest.
+    sensor : Sensor
+    priors : sequence of Gaussian
+
+    Raises
+    ------
+    NotObserved
+        Naming the scale factor and the misalignments that sense that axis.
+    """
+    known = {name for prior in priors for name in prior.names}
+    turned = np.abs(log_so3(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])).sum(axis=0)
+    names: list[str] = []
+    for axis in (axis for axis in sensor.axes if axis.measures == "w"):
+        for term, direction in zip(("scale", "delta_o", "delta_p"), axis.frame, strict=True):
+            about = int(np.abs(direction).argmax())
+            name = f"{axis.name}.{term}"
+            if turned[about] < _LEAST_TURN and name in sensor.coefficients and name not in known:
+                names.append(name)
+    if names:
+        still = [f"{axis} ({degrees(a):.0f}°)" for axis, a in zip("xyz", turned, strict=True)
+                 if a < _LEAST_TURN]  # fmt: skip
+        raise NotObserved(
+            f"the path does not turn about body axis {' and '.join(still)}: {', '.join(names)} "
+            "stay open; add quarter turns about that axis while it is level, or state priors",
+            tuple(names),
+            names=tuple(names),
+        )
+
+
+def _partner(name: str) -> str:
+    axis, term = CoefficientName(name).parts
+    return f"{axis}.{_ALIKE[term]}"
+
+
+def _refuse_gauge(chosen: Sequence[str], gauge: Sequence[str], what: str, reason: str) -> None:
+    names = tuple(name for name in gauge if name in chosen)
+    if names:
+        raise NotObserved(
+            f"{', '.join(names)}: {what} is not determined; {reason}", (what,), names=names
+        )
+
+
+def _require_both_faces(sensor: Sensor, force: Array) -> None:
+    for k, axis in enumerate(axis for axis in sensor.axes if axis.measures == "f"):
+        for way, reached in (("up", force[:, k].max()), ("down", -force[:, k].min())):
+            if reached < _FACE:
+                raise InputError(
+                    f"{axis.name} is never turned {way} (it reads at most "
+                    f"{reached / G0:.2f} g that way); add a rest with it {way}: bias and scale "
+                    "need both faces of each axis",
+                    names=(axis.name,),
+                )

@@ -1,0 +1,228 @@
+"""Generalised least squares over all rests and turns, by Gauss–Newton steps.
+
+The covariance of the rows is computed once, at the initial attitudes; a step moves coefficients,
+lag and attitudes together and is repeated until it is below a thousandth of a standard deviation.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.turntable.still_table import StillTable
+from inercal.estimate import Candidate, Estimate, Gaussian, Problem
+from inercal.estimate.least_squares import estimate_at_solution
+from inercal.estimate.nullspace import observability
+from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
+from inercal.frames import exp_so3
+from inercal.methods.candidates import candidates_from_columns, extended_sensor
+from inercal.methods.systematic.alignment import initial_attitudes
+from inercal.methods.systematic.coefficient_rules import (
+    COMMON_ARM,
+    FRAME,
+    require_turns,
+)
+from inercal.methods.systematic.navigation import ImuModel
+from inercal.methods.systematic.rest_and_turn_rows import RestAndTurnRows
+from inercal.methods.systematic.segments import Segments
+from inercal.parameters import Parameter
+from inercal.sensors import Sensor
+
+LAG = "lag"
+_LARGEST_STEP = 0.001  # standard deviations
+_SURE_STEP = 0.1  # standard deviations: a smaller step needs no test
+_HALVINGS = 8  # of a step, at most, until χ² falls
+_MOST_STEPS = 60
+_SCALES = {LAG: 1.0, "g": 1.0, "latitude": 1.0}  # s, m/s², rad
+
+
+def attitude_names(labels: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the corrections ψ of the attitudes, "attitude_east[p1]"."""
+    return tuple(f"attitude_{way}[{label}]" for label in labels for way in ("east", "north", "up"))
+
+
+def estimated_attitudes(
+    estimate: Estimate, segments: Segments, sensor: Sensor, latitude: float
+) -> Array:
+    """Return C, body to n, at each rest by an estimate of `solve`, (m, 3, 3).
+
+    Parameters
+    ----------
+    estimate : Estimate
+    segments, sensor
+        As of `solve`.
+    latitude : float
+        rad.
+    """
+    start, _ = _start(segments, sensor, latitude)
+    at = [estimate.names.index(name) for name in attitude_names(segments.labels)]
+    return exp_so3(estimate.value[at].reshape(-1, 3)) @ start
+
+
+def _start(segments: Segments, sensor: Sensor, latitude: float) -> tuple[Array, Array]:
+    """Return C at each rest and the coefficients where the search starts."""
+    nominal = np.zeros(len(sensor.coefficients))
+    return initial_attitudes(segments, ImuModel(sensor), nominal, latitude)
+
+
+def solve(
+    segments: Segments, sensor: Sensor, known: StillTable, priors: Sequence[Gaussian] = ()
+) -> Estimate:
+    """Return the estimate of one recording.
+
+    Parameters
+    ----------
+    segments : Segments
+    sensor : Sensor
+        Three accelerometers, then three gyros, with noise and the chosen coefficients.
+    known : StillTable
+    priors : sequence of Gaussian
+        On coefficients.
+
+    Raises
+    ------
+    InputError
+        A latitude beyond 85°, or axes that do not fit together.
+    NotObserved
+        Coefficients that these rests and turns do not determine.
+    """
+    model = ImuModel(sensor)
+    m = len(segments.labels)
+    attitudes, c = _start(segments, sensor, known.latitude.value)
+    require_turns(attitudes, sensor, priors)
+    rows = RestAndTurnRows(segments, model, attitudes, known.gravity.value, known.latitude.value)
+    whole = np.concatenate([c, [0.0, known.gravity.value, known.latitude.value], np.zeros(3 * m)])
+    declared = known.nuisances((), sensor)
+    names = (*sensor.coefficients, LAG, *declared, *attitude_names(segments.labels))
+    exact = {name for name, q in declared.items() if not q.sd > 0}
+    free = [k for k, name in enumerate(names) if name not in exact]
+    stated = [
+        Gaussian.independent((q.name,), [q.value], [q.sd])
+        for q in declared.values()
+        if q.name not in exact
+    ]
+
+    def filled(x: Array) -> Array:
+        full = whole.copy()
+        full[free] = x
+        return full
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        residual, jacobian = rows.linearise(filled(x))
+        return residual, jacobian[:, free]
+
+    scale = np.concatenate(
+        [sensor.unit_scale, [_SCALES[name] for name in (LAG, *declared)], np.ones(3 * m)]
+    )[free]
+
+    def problem(start: Array) -> Problem:
+        return Problem(
+            names=tuple(names[k] for k in free),
+            start=start,
+            linearise=linearise,
+            noise=covariance,
+            scale=scale,
+            priors=(*priors, *stated),
+            wanted=sensor.coefficients,
+            observations=rows.labels,
+            correlated=True,
+            candidates=lambda x: omitted_coefficients(rows, filled(x), declared),
+        )
+
+    covariance = rows.covariance(whole)
+    system = WhitenedProblem(problem(whole[free]))
+    observability(system, system.first)  # refuses what is not determined, before any step
+    x, converged, steps = _search(system)
+    system = WhitenedProblem(problem(x))
+    structure = observability(system, system.first)
+    return estimate_at_solution(
+        system, system.first, structure, np.array([converged]), np.array([steps])
+    )
+
+
+def _search(system: WhitenedProblem) -> tuple[Array, bool, int]:
+    """Return the solution, whether the steps became small, and their number."""
+    point, scale = system.first, system.problem.scale
+    inverse, tried = system.first_whitener, system.first
+    for count in range(1, _MOST_STEPS + 1):
+        # Columns of unit length: an azimuth and a bias differ by ten orders of magnitude.
+        rows = np.concatenate([point.weight[0][:, None] * point.rows[0], system.prior_rows])
+        right = np.concatenate([point.whitened[0], point.prior[0]])
+        size = np.linalg.norm(rows, axis=0)
+        size[size == 0] = 1.0 / scale[size == 0]
+        q, r = np.linalg.qr(rows / size)
+        back = np.linalg.inv(r)
+        step = back @ (q.T @ right)
+        sd = np.linalg.norm(back, axis=1)
+        largest = float(np.abs(step / sd).max())
+        if not np.isfinite(largest):
+            return point.x[0], False, count
+        for _ in range(_HALVINGS):
+            x = point.x + step / size
+            tried = system.point(x, *system.evaluate(x), inverse)
+            if largest < _SURE_STEP or _cost(tried) < _cost(point):
+                break
+            step, largest = 0.5 * step, 0.5 * largest
+        point = tried
+        if largest < _LARGEST_STEP:
+            return point.x[0], True, count
+    return point.x[0], False, _MOST_STEPS
+
+
+def _cost(point: LinearisationPoint) -> float:
+    """Return χ² of observations and priors; infinite far from the solution."""
+    cost = float(np.sum(point.whitened**2) + np.sum(point.prior**2))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def omitted_coefficients(
+    rows: RestAndTurnRows, x: Array, declared: Mapping[str, Parameter]
+) -> list[Candidate]:
+    """Return the candidates of the score tests: what was not estimated, and single rows.
+
+    Parameters
+    ----------
+    rows : RestAndTurnRows
+    x : array
+        The solution, all parameters.
+    declared : mapping of str to Parameter
+        Gravity and latitude as stated.
+    """
+    sensor, m, p = rows.model.sensor, rows.rests, rows.count
+    extended = extended_sensor(sensor)
+    larger = replace(rows, model=ImuModel(_in_order(extended)))
+    values = dict(zip(sensor.coefficients, x[:p].tolist(), strict=True))
+    names = larger.model.sensor.coefficients
+    at = np.concatenate([[values.get(name, 0.0) for name in names], x[p:]])
+    _, jacobian = larger.linearise(at)
+    # Gauges, chosen or not, explain nothing.
+    column = {
+        name: jacobian[:, k] for k, name in enumerate(names) if name not in (*FRAME, *COMMON_ARM)
+    }
+    q = len(names)
+    column |= {"g": jacobian[:, q + 1], "latitude": jacobian[:, q + 2]}
+    found = candidates_from_columns(
+        rows.labels, sensor, (*sensor.coefficients, *FRAME, *COMMON_ARM), declared, column
+    )
+    return [one for one in found if one.kind != "row"] + _row_candidates(rows, m)
+
+
+def _in_order(sensor: Sensor) -> Sensor:
+    """Return a sensor whose coefficients of accelerometers come before those of gyros."""
+    return sensor.with_coefficients(*sensor.coefficients)
+
+
+def _row_candidates(rows: RestAndTurnRows, rests: int) -> list[Candidate]:
+    """Return each rest and each turn with arbitrary readings."""
+    result: list[Candidate] = []
+    turn_labels = rows.segments.turn_labels
+    for k in range(2 * rests - 1):
+        at = slice(6 * k, 6 * k + 6)
+        columns = np.zeros((len(rows.labels), 6))
+        columns[at] = np.eye(6)
+        turn = k % 2 == 1
+        units = ("rad",) * 3 + ("m/s",) * 3 if turn else ("m/s²",) * 3 + ("rad/s",) * 3
+        name = turn_labels[k // 2] if turn else rows.segments.labels[k // 2]
+        result.append(Candidate(name, "row", rows.labels[at], units, columns))
+    return result

@@ -1,0 +1,207 @@
+"""From readings to motion, and navigation through the turns of a recording.
+
+The motion is where the sensor's model gives the readings: Newton's steps with one slope for all
+samples of a triad. Accelerometers that are late by τ sense the arms' part at the time t − τ.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.earth import earth_rate_up_north
+from inercal.methods.systematic._kernels import MATRICES, VECTORS, integrate_turns
+from inercal.methods.systematic.segments import Indices, Segments
+from inercal.motion import Motion
+from inercal.sensors import Sensor
+
+_STEPS = 4  # of Newton: k2 of 100 µg/g² leaves 4e-4 of an error with each
+_NO_COLUMNS = np.zeros((0, 3, 0))
+
+
+def earth_rate(latitude: float) -> Array:
+    """Return ω_ie in n, (3,) rad/s."""
+    up, north = earth_rate_up_north(latitude)
+    return np.array([0.0, north, up])
+
+
+class TurnMotion(NamedTuple):
+    """The motion of the samples of all turns, (n, 3) each, SI."""
+
+    w: Array
+    f: Array
+    dw: Array
+
+
+class Navigation(NamedTuple):
+    """Results of `inercal.methods.systematic._kernels.integrate_turns`."""
+
+    attitude: Array
+    velocity: Array
+    impulse: Array
+    psi: Array
+    v: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ImuModel:
+    """The model of an IMU, gyros and accelerometers apart.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Three accelerometers, then three gyros.
+    """
+
+    sensor: Sensor
+
+    @property
+    def force(self) -> Sensor:
+        """The accelerometers."""
+        return self.sensor.select_axes("f")
+
+    @property
+    def rate(self) -> Sensor:
+        """The gyros."""
+        return self.sensor.select_axes("w")
+
+    def split(self, c: Array) -> tuple[Array, Array]:
+        """Return the coefficients of accelerometers and of gyros."""
+        count = len(self.force.coefficients)
+        return c[:count], c[count:]
+
+    def motion(self, segments: Segments, c: Array, lag: float) -> TurnMotion:
+        """Return the motion of all turns for coefficients c, (p,), SI."""
+        y, (cf, cw) = segments.moving, self.split(c)
+        force, rate = self.force, self.rate
+        w, rough = y[:, 3:], y[:, :3]
+        w = _invert(rate, y[:, 3:], cw, lambda x: Motion(rough, x), w, 3)
+        dw = _derivative(w, segments.dt)
+        late, faster = w, dw
+        if lag:
+            late = w - lag * dw
+            faster = dw - lag * _derivative(dw, segments.dt)
+        f = _invert(force, y[:, :3], cf, lambda x: Motion(x, late, faster), rough, 0)
+        if rate.uses("fi", "fp", "fo"):
+            exact = f
+            w = _invert(rate, y[:, 3:], cw, lambda x: Motion(exact, x), w, 3)
+        if not segments.means:
+            w, f = _mean_of_period(w), _mean_of_period(f)
+        return TurnMotion(w, f, dw)
+
+    def sensitivities(
+        self, segments: Segments, c: Array, motion: TurnMotion
+    ) -> tuple[Array, Array]:
+        """Return ∂ω/∂θ and ∂f/∂θ of each block of samples, (b, 3, q) and (b, 3, r)."""
+        edges = block_edges(segments)
+        size = np.diff(np.append(edges, len(motion.w)))[:, None]
+        w, f, dw = (np.add.reduceat(part, edges, axis=0) / size for part in motion)
+        cf, cw = self.split(c)
+        at = Motion(f, w, dw)
+        by_rate = self.rate.linearise(at, cw)
+        by_force = self.force.linearise(at, cf)
+        rate: Array = -np.asarray(np.linalg.solve(by_rate.slope[..., 3:], by_rate.design), float)
+        force: Array = -np.asarray(np.linalg.solve(by_force.slope[..., :3], by_force.design), float)
+        return rate, force
+
+
+def block_edges(segments: Segments) -> Indices:
+    """Return the first sample of each block of the sensitivities, (b,)."""
+    turns = zip(segments.first.tolist(), segments.last.tolist(), strict=True)
+    each: list[Indices] = [
+        np.array(range(first, last, segments.block), dtype=np.int64) for first, last in turns
+    ]
+    return np.concatenate(each)
+
+
+def _invert(
+    sensor: Sensor, y: Array, c: Array, at: Callable[[Array], Motion], x: Array, first: int
+) -> Array:
+    """Return f or ω, (n, 3), at which the readings are y; `first` is its place in the slope."""
+    still = np.zeros((1, 3))
+    slope = sensor.slope(Motion(still, still, still), c)
+    inverse = np.linalg.inv(slope[0, :, first : first + 3])
+    for _ in range(1 if sensor.affine and first == 3 else _STEPS):
+        x = x + (y - sensor.forward(at(x), c)) @ inverse.T
+    return x
+
+
+def _derivative(x: Array, dt: float) -> Array:
+    """Return the derivative by central differences, zero at both ends: there the IMU rests."""
+    result = np.zeros_like(x)
+    result[1:-1] = (x[2:] - x[:-2]) / (2 * dt)
+    return result
+
+
+def _mean_of_period(x: Array) -> Array:
+    """Return the means over one period about the times of samples: x + Δ²x/24."""
+    result = x.copy()
+    result[1:-1] += (x[2:] - 2 * x[1:-1] + x[:-2]) / 24
+    return result
+
+
+def integrate_navigation(
+    segments: Segments,
+    motion: TurnMotion,
+    start: Array,
+    earth: Array,
+    gravity: float,
+    lag: float = 0.0,
+    *,
+    by: tuple[Array, Array] = (_NO_COLUMNS, _NO_COLUMNS),
+    white: Array | None = None,
+    chained: bool = False,
+) -> Navigation:
+    """Integrate through all turns.
+
+    Parameters
+    ----------
+    segments : Segments
+    motion : TurnMotion
+    start : (k, 3, 3) array
+        C where each turn begins; of `chained` turns only the first one is used.
+    earth : (3,) array
+        ω_ie in n, rad/s.
+    gravity, lag : float
+        m/s² and s.
+    by : (b, 3, q) and (b, 3, r) arrays
+        As of `ImuModel.sensitivities`; without them there are none, and no covariance.
+    white : (6,) array, optional
+        Noise densities squared, of accelerometers and gyros.
+    chained : bool
+        Whether a turn begins where the one before ended.
+    """
+    by_rate, by_force = (np.ascontiguousarray(one) for one in by)
+    k, q, r = segments.first.size, by_rate.shape[2], by_force.shape[2]
+    done = Navigation(
+        np.zeros((k, 3, 3)),
+        np.zeros((k, 3)),
+        np.zeros((k, 3)),
+        np.zeros((k, 3, q)),
+        np.zeros((k, 3, q + r + 1)),
+        np.zeros((k, 6, 6)),
+    )
+    integrate_turns(
+        np.ascontiguousarray(motion.w),
+        np.ascontiguousarray(motion.f),
+        motion.dw,
+        by_rate,
+        by_force,
+        segments.first,
+        segments.last,
+        segments.block,
+        segments.dt,
+        np.ascontiguousarray(start),
+        chained,
+        earth,
+        gravity,
+        lag,
+        np.zeros(6) if white is None else white,
+        np.zeros((VECTORS, 3)),
+        np.zeros((MATRICES, 3, 3)),
+        *done,
+    )
+    return done

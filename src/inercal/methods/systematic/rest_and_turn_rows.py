@@ -1,0 +1,257 @@
+"""Rows of rests and turns: residuals, Jacobian and covariance.
+
+Unknown are the coefficients θ, the lag τ and one attitude C_i of each rest; true attitude is
+exp(ψ_i) C_i. With means over a rest i and navigation through the turn i from C_i at rest::
+
+    rest   ȳ_w − y_w(C_iᵀ ω_ie, C_iᵀ g e_up),   ȳ_f − y_f(C_iᵀ g e_up)
+    turn   −log(C_i+1 C_predᵀ),   −v_pred
+
+Every row is zero at the truth but for noise: gravity and the Earth's rate are known, the IMU is
+still at rests, and velocity from rest to rest is zero. No angle of a table is used.
+
+A bias that drifts by d_s in segment s moves the rows by the bias's own columns there, so that drift
+of covariance K between segments adds B K Bᵀ to the covariance of white noise. K is that of the
+sensor's stated noise (`inercal.methods.turntable.drift`): flicker is counted from its mean over the
+run, which the estimated bias includes.
+
+Gravity and latitude are parameters with the deviations that the bench states.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.frames import exp_so3, left_jacobian, log_so3, skew
+from inercal.methods.systematic.navigation import (
+    ImuModel,
+    Navigation,
+    earth_rate,
+    integrate_navigation,
+)
+from inercal.methods.systematic.segments import Segments
+from inercal.methods.turntable.drift import covariance_of_means
+from inercal.motion import Motion
+from inercal.sensors import Sensor
+
+_UP = np.array([0.0, 0.0, 1.0])
+_ROWS = 6  # of each rest and of each turn
+_LEVEL_STEP = 1e-6  # rad, of the derivative by latitude
+
+
+@dataclass(frozen=True, eq=False)
+class RestAndTurnRows:
+    """The rows of one recording.
+
+    Parameters
+    ----------
+    segments : Segments
+    model : ImuModel
+    start : (m, 3, 3) array
+        C of each rest, about which ψ are counted.
+    gravity, latitude : float
+        As stated, m/s² and rad.
+    """
+
+    segments: Segments
+    model: ImuModel
+    start: Array
+    gravity: float
+    latitude: float
+
+    @property
+    def count(self) -> int:
+        """Number of coefficients, without the lag."""
+        return len(self.model.sensor.coefficients)
+
+    @property
+    def rests(self) -> int:
+        """Number of rests."""
+        return len(self.segments.labels)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """What each row is called: "gx[p1]", "velocity east[p1 to p2]"."""
+        result: list[str] = []
+        turns = (*self.segments.turn_labels, "")
+        level = ("east", "north", "up")
+        for rest, turn in zip(self.segments.labels, turns, strict=True):
+            result += [f"{axis}[{rest}]" for axis in self.model.sensor.channels]
+            if turn:
+                result += [f"attitude {way}[{turn}]" for way in level]
+                result += [f"velocity {way}[{turn}]" for way in level]
+        return tuple(result)
+
+    def linearise(self, x: Array) -> tuple[Array, Array]:
+        """Return residuals of 2 m − 1 segments, six each, and derivatives of the model.
+
+        Parameters
+        ----------
+        x : (p + 3 + 3 m,) array
+            Coefficients, lag, gravity, latitude, and ψ of each rest, SI.
+        """
+        p, m = self.count, self.rests
+        c, lag, gravity, latitude = x[:p], float(x[p]), float(x[p + 1]), float(x[p + 2])
+        psi = x[p + 3 :].reshape(m, 3)
+        attitudes = exp_so3(psi) @ self.start
+        done, columns = self._navigate(c, lag, gravity, latitude, attitudes)
+        residual = np.zeros((2 * m - 1, _ROWS))
+        jacobian = np.zeros((2 * m - 1, _ROWS, x.size))
+        residual[::2], jacobian[::2] = self._rest_rows(c, gravity, latitude, attitudes, x.size)
+        residual[1::2], jacobian[1::2] = self._turn_rows(
+            done, columns, gravity, latitude, attitudes, x.size
+        )
+        left = left_jacobian(psi)
+        for k in range(m):
+            at = slice(p + 3 + 3 * k, p + 6 + 3 * k)
+            near = slice(max(2 * k - 1, 0), 2 * k + 2)
+            jacobian[near, :, at] = jacobian[near, :, at] @ left[k]
+        return residual.ravel(), jacobian.reshape(-1, x.size)
+
+    def _navigate(
+        self, c: Array, lag: float, gravity: float, latitude: float, attitudes: Array
+    ) -> tuple[Navigation, "_Columns"]:
+        motion = self.model.motion(self.segments, c, lag)
+        by = self._with_biases.sensitivities(self.segments, self._bias_padded(c), motion)
+        done = integrate_navigation(
+            self.segments, motion, attitudes[:-1], earth_rate(latitude), gravity, lag, by=by,
+            white=self.white,
+        )  # fmt: skip
+        return done, self._columns
+
+    @cached_property
+    def white(self) -> Array:
+        """Noise densities squared, (6,), SI²/Hz."""
+        return np.array([axis.noise.white**2 for axis in self.model.sensor.axes])
+
+    @cached_property
+    def _with_biases(self) -> ImuModel:
+        """The model with all biases: noise acts by their columns, estimated or not."""
+        own = self.model.sensor
+        return ImuModel(own.with_coefficients(*own.coefficients, "bias"))
+
+    def _bias_padded(self, c: Array) -> Array:
+        values = dict(zip(self.model.sensor.coefficients, c.tolist(), strict=True))
+        return np.array([values.get(n, 0.0) for n in self._with_biases.sensor.coefficients])
+
+    @cached_property
+    def _columns(self) -> "_Columns":
+        return _Columns.of(self.model.sensor, self._with_biases.sensor)
+
+    def _rest_rows(
+        self, c: Array, gravity: float, latitude: float, attitudes: Array, width: int
+    ) -> tuple[Array, Array]:
+        """Return residuals and derivatives of the means at rests."""
+        p, m, sensor = self.count, self.rests, self.model.sensor
+        back = np.swapaxes(attitudes, -1, -2)
+        earth = earth_rate(latitude)
+        f, w = gravity * back @ _UP, back @ earth
+        at = sensor.linearise(Motion(f, w), c)
+        slope = np.broadcast_to(at.slope, (m, _ROWS, _ROWS))
+        jacobian = np.zeros((m, _ROWS, width))
+        jacobian[:, :, :p] = at.design
+        jacobian[:, :, p + 1] = (slope[:, :, :3] @ (back @ _UP)[..., None])[..., 0]
+        by_latitude = (slope[:, :, 3:] @ (back @ _earth_rate_slope(latitude))[..., None])[..., 0]
+        jacobian[:, :, p + 2] = by_latitude
+        turned = np.concatenate([back @ skew(gravity * _UP), back @ skew(earth)], axis=1)
+        for k in range(m):
+            jacobian[k, :, p + 3 + 3 * k : p + 6 + 3 * k] = slope[k] @ turned[k]
+        return self.segments.mean - at.reading, jacobian
+
+    def _turn_rows(
+        self,
+        done: Navigation,
+        columns: "_Columns",
+        gravity: float,
+        latitude: float,
+        attitudes: Array,
+        width: int,
+    ) -> tuple[Array, Array]:
+        """Return residuals and derivatives of turns: attitude, then velocity."""
+        p, m = self.count, self.rests
+        seconds = self.segments.turn_seconds
+        h = log_so3(attitudes[1:] @ np.swapaxes(done.attitude, -1, -2))
+        jacobian = np.zeros((m - 1, _ROWS, width))
+        jacobian[:, :3, columns.rate] = -done.psi[:, :, columns.of_rate]
+        jacobian[:, 3:, columns.rate] = done.v[:, :, columns.of_rate]
+        jacobian[:, 3:, columns.force] = done.v[:, :, columns.of_force]
+        jacobian[:, 3:, p] = done.v[:, :, -1]
+        jacobian[:, 5, p + 1] = -seconds
+        slope, earth = _earth_rate_slope(latitude), earth_rate(latitude)
+        jacobian[:, :3, p + 2] = seconds[:, None] * slope
+        jacobian[:, 3:, p + 2] = 0.5 * gravity * seconds[:, None] ** 2 * np.cross(_UP, slope)
+        back = exp_so3(-earth * seconds[:, None])
+        # ψ turns back with n, ψ(t) = ψ − t ω_ie × ψ, and its velocity has Coriolis' acceleration.
+        turned = gravity * (0.5 * skew(_UP) @ skew(earth) + skew(earth) @ skew(_UP))
+        for k in range(m - 1):
+            at = p + 3 + 3 * k
+            jacobian[k, :3, at : at + 3] = -back[k]
+            jacobian[k, 3:, at : at + 3] = -skew(done.impulse[k]) + turned * seconds[k] ** 2
+            jacobian[k, :3, at + 3 : at + 6] = np.eye(3)
+        return -np.concatenate([h, done.velocity], axis=1), jacobian
+
+    def covariance(self, x: Array) -> Array:
+        """Return the covariance of the residuals at x, (6 (2 m − 1), 6 (2 m − 1))."""
+        p, m = self.count, self.rests
+        psi = x[p + 3 :].reshape(m, 3)
+        attitudes = exp_so3(psi) @ self.start
+        done, columns = self._navigate(
+            x[:p], float(x[p]), float(x[p + 1]), float(x[p + 2]), attitudes
+        )
+        count = 2 * m - 1
+        result = np.zeros((count, _ROWS, count, _ROWS))
+        seconds = self.segments.rest_seconds
+        for k in range(m):
+            result[2 * k, :, 2 * k] = np.diag(self.white / seconds[k])
+        # Noise turns the predicted attitude as +ψ, which the residual holds, and moves v by −.
+        sign = np.repeat([1.0, -1.0], 3)
+        for k in range(m - 1):
+            result[2 * k + 1, :, 2 * k + 1] = sign[:, None] * done.covariance[k] * sign
+        by = np.zeros((count, _ROWS, _ROWS))  # residuals of each segment by its drifts
+        by[::2] = np.eye(_ROWS)
+        by[1::2, 3:, :3] = done.v[:, :, columns.force_bias]
+        by[1::2, :3, 3:] = -done.psi[:, :, columns.rate_bias]
+        by[1::2, 3:, 3:] = done.v[:, :, columns.rate_bias]
+        drift = covariance_of_means(
+            [axis.noise for axis in self.model.sensor.axes],
+            self.segments.start,
+            self.segments.stop,
+            self.segments.run,
+        )
+        result += np.einsum("sac,stc,tbc->satb", by, drift, by)
+        result = result.reshape(count * _ROWS, -1)
+        return 0.5 * (result + result.T)
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Places of columns: of x, of the sensitivities, and of the biases in these."""
+
+    rate: list[int]
+    force: list[int]
+    of_rate: list[int]
+    of_force: list[int]
+    rate_bias: list[int]
+    force_bias: list[int]
+
+    @classmethod
+    def of(cls, sensor: Sensor, full: Sensor) -> "_Columns":
+        rates, forces = (full.select_axes(kind).coefficients for kind in ("w", "f"))
+        own_rate, own_force = (sensor.select_axes(kind).coefficients for kind in ("w", "f"))
+        place = {name: k for k, name in enumerate(sensor.coefficients)}
+        shift = len(rates)
+        return cls(
+            [place[name] for name in own_rate],
+            [place[name] for name in own_force],
+            [rates.index(name) for name in own_rate],
+            [shift + forces.index(name) for name in own_force],
+            [rates.index(f"{axis.name}.bias") for axis in full.axes if axis.measures == "w"],
+            [shift + forces.index(f"{axis.name}.k0") for axis in full.axes if axis.measures == "f"],
+        )
+
+
+def _earth_rate_slope(latitude: float) -> Array:
+    """Return dω_ie/dφ in n, (3,) rad/s."""
+    up, north = earth_rate(latitude)[2], earth_rate(latitude)[1]
+    return np.array([0.0, -up, north])

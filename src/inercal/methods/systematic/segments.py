@@ -1,0 +1,155 @@
+"""A recording cut into rests and the turns between them, with what noise and drift each has."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.recording import Track
+from inercal.sensors import Sensor
+
+Indices = NDArray[np.int64]
+MIN_RESTS = 6
+BLOCK_SECONDS = 0.1  # of samples over which sensitivities are summed
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """m rests and the m − 1 turns between them, of one recording.
+
+    Parameters
+    ----------
+    labels : tuple of m str
+        Of the rests.
+    mean : (m, 6) array
+        Mean reading of each rest, SI, in the order of the sensor's axes.
+    halves : (2, m, 6) array
+        Means of the first and the second half of each rest.
+    moving : (n, 6) array
+        Readings of all turns, one after the other.
+    first, last : (m − 1,) arrays of int
+        Rows of `moving` of each turn, the last one excluded.
+    dt : float
+        s, from sample to sample.
+    start, stop : (2 m − 1,) arrays
+        s, of rests and turns in their order of time.
+    run : (float, float)
+        Begin and end of the recording, s.
+    means : bool
+        Whether a sample is the mean of its reading over one period, not the reading at its time.
+    """
+
+    labels: tuple[str, ...]
+    mean: Array
+    halves: Array
+    moving: Array
+    first: Indices
+    last: Indices
+    dt: float
+    start: Array
+    stop: Array
+    run: tuple[float, float]
+    means: bool = False
+
+    @property
+    def rest_seconds(self) -> Array:
+        """Duration of each rest, (m,) s."""
+        return (self.stop - self.start)[::2]
+
+    @property
+    def turn_seconds(self) -> Array:
+        """Duration of each turn, (m − 1,) s."""
+        return (self.stop - self.start)[1::2]
+
+    @property
+    def block(self) -> int:
+        """Samples in a block of the sensitivities."""
+        return max(1, round(BLOCK_SECONDS / self.dt))
+
+    @property
+    def turn_labels(self) -> tuple[str, ...]:
+        """What each turn is called: "p1 to p2"."""
+        pairs = zip(self.labels[:-1], self.labels[1:], strict=True)
+        return tuple(f"{one} to {other}" for one, other in pairs)
+
+
+def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> Segments:
+    """Return the rests and turns of a track whose holds are numbered.
+
+    Parameters
+    ----------
+    track : Track
+        Of one trial.
+    labels : tuple of m str
+        Of the rests, in their order.
+    sensor : Sensor
+        An IMU: three accelerometers, then three gyros.
+
+    Raises
+    ------
+    InputError
+        Another sensor, or fewer than six rests.
+    """
+    if tuple(axis.measures for axis in sensor.axes) != ("f",) * 3 + ("w",) * 3:
+        raise InputError(
+            "systematic calibration needs three accelerometers and three gyros; add [sensor.gyro]",
+            key="[sensor.gyro]",
+        )
+    rests = _rest_ranges(track.hold)
+    if len(rests) < MIN_RESTS:
+        raise InputError(
+            f"the recording has {len(rests)} rest{'s' * (len(rests) != 1)} of 5 s or more; "
+            f"systematic calibration needs {MIN_RESTS} or more, with turns between them",
+            key="[data] file",
+        )
+    time, reading = track.time, track.reading
+    dt = float((time[-1] - time[0]) / (time.size - 1))
+    between = list(zip(rests[:-1, 1].tolist(), rests[1:, 0].tolist(), strict=True))
+    counts = np.array([stop - start for start, stop in between])
+    last = np.cumsum(counts)
+    edges = rests.ravel()
+    at = time[0] + (edges - 0.5) * dt
+    halves = np.empty((2, len(rests), 6))
+    for k, (start, stop) in enumerate(rests.tolist()):
+        middle = (start + stop) // 2
+        halves[0, k] = reading[start:middle].mean(axis=0)
+        halves[1, k] = reading[middle:stop].mean(axis=0)
+    return Segments(
+        labels=labels,
+        mean=np.stack([reading[a:b].mean(axis=0) for a, b in rests.tolist()]),
+        halves=halves,
+        moving=np.concatenate([reading[a:b] for a, b in between]),
+        first=(last - counts).astype(np.int64),
+        last=last.astype(np.int64),
+        dt=dt,
+        start=at[:-1],
+        stop=at[1:],
+        run=(float(time[0] - 0.5 * dt), float(time[-1] + 0.5 * dt)),
+        means=track.samples_are_means,
+    )
+
+
+def shift_forces(segments: Segments, samples: int) -> Segments:
+    """Return the segments with the accelerometers of the turns that many samples earlier.
+
+    A turn begins and ends at rest: its first or last sample stands for those beyond.
+    """
+    moving = segments.moving.copy()
+    for first, last in zip(segments.first.tolist(), segments.last.tolist(), strict=True):
+        own: Indices = np.array(range(first, last), dtype=np.int64)
+        at = np.clip(own + samples, first, last - 1)
+        moving[first:last, :3] = segments.moving[at, :3]
+    return replace(segments, moving=moving)
+
+
+def _rest_ranges(hold: Indices) -> Indices:
+    """Return begin and end of each numbered hold, (m, 2)."""
+    change = np.flatnonzero(np.diff(hold)) + 1
+    edges = np.concatenate([[0], change, [hold.size]])
+    return np.array(
+        [(a, b) for a, b in pairwise(edges.tolist()) if hold[a] >= 0],
+        dtype=np.int64,
+    ).reshape(-1, 2)

@@ -1,0 +1,45 @@
+"""A systematic calibration carried out on a simulated bench, whose readback the method leaves."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inercal.host.bench_run import BenchRun
+from inercal.host.bench_simulator import BenchSimulator
+from inercal.host.precompilation import precompile_run
+from inercal.host.run_completion import finish_run
+from inercal.host.run_folder import create_run
+from inercal.runfile import read
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "systematic" / "imu.toml"
+
+
+@pytest.mark.slow
+def test_a_run_on_the_bench_is_calibrated_without_the_angles_it_recorded(tmp_path: Path):
+    text = EXAMPLE.read_text(encoding="utf-8")
+    for old, new in (
+        ("imu.csv", "recording.h5"),
+        ('"50 Hz"', '"100 Hz"'),
+        ('path = "systematic"', 'path = "systematic"\nseconds = "10 s"'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "imu.toml"
+    path.write_text(text, encoding="utf-8")
+    run = read(path)
+    with BenchSimulator(run.path, seed=1) as bench:
+        addresses = bench.addresses
+        folder, journal = create_run(tmp_path / "run", run, addresses, poll=0.05)
+        with journal:
+            precompile_run(folder.run)
+            with BenchRun(folder, journal, addresses) as process:
+                assert process.execute_plan(), process.trouble
+                assert process.recorder.live_estimator is None
+            outcome = finish_run(folder, journal, None).outcome
+    calibration = outcome.calibration
+    truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
+    error = calibration.values - truth
+    # χ² with 30 degrees of freedom, 0.01 % and 99.99 %
+    assert 8 < error @ np.linalg.solve(calibration.covariance, error) < 69
+    assert len(outcome.observations.labels) == 19
