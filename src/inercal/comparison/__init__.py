@@ -3,7 +3,7 @@
 Both are first converted to the same axes, nominal readout, form of the model and body frame.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -172,12 +172,29 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
         )
     try:
         # The frame first: it keeps the form, and refuses more than the form.
-        return calibration.in_frame(like.frame).in_form(like.sensor.form)
+        turned = _keep_unmeasured(calibration, calibration.in_frame(like.frame))
+        return turned.in_form(like.sensor.form)
     except InercalError as error:
         raise InputError(
             f"its frame is {calibration.frame} and its form {calibration.sensor.form}, not "
             f"{like.frame} and {like.sensor.form}: {error}"
         ) from None
+
+
+def _keep_unmeasured(calibration: Calibration, turned: Calibration) -> Calibration:
+    """Return a calibration in another frame without uncertainty of what was not measured.
+
+    Misalignments of gyros that were not measured get the uncertainty of the turn alone, and would
+    count as measured. A frame of the accelerometers fixes some of their misalignments by
+    definition: these are measured in another frame.
+    """
+    if turned.frame == calibration.frame:
+        return turned
+    known = set(calibration.sensor.coefficients) - fixed_coefficients(calibration)
+    if calibration.frame != "mount":
+        known |= set(turned.sensor.select_axes("f").coefficients)
+    measured = np.array([name in known for name in turned.sensor.coefficients])
+    return replace(turned, covariance=turned.covariance * np.outer(measured, measured))
 
 
 def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
