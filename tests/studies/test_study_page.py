@@ -42,7 +42,9 @@ def test_progress_messages_are_reported(monkeypatch: pytest.MonkeyPatch):
     said: list[str] = []
     assert reproduce("centrifuge", 30, 7, said.append) == (30, 7)
     assert said == ["half of it"]
-    assert set(STUDIES) == {"centrifuge", "dual-orthogonal", "ship-model", "turntable"}
+    assert set(STUDIES) == {
+        "centrifuge", "dual-orthogonal", "one-sensor", "ship-model", "turntable"
+    }  # fmt: skip
 
 
 def test_every_finding_has_its_sentence_and_its_own_name(each_study: Study):
@@ -195,5 +197,5 @@ def test_an_unknown_study_is_one_line_and_status_2(
     out, err = capsys.readouterr()
     assert stop.value.code == 2
     assert out == ""
-    names = "centrifuge, dual-orthogonal, ship-model, turntable"
+    names = "centrifuge, dual-orthogonal, one-sensor, ship-model, turntable"
     assert err.strip() == f"inercal: no study 'ferris'; there are {names}"

@@ -16,7 +16,8 @@ _COLOURS = {"reproduced": "green", "not reproducible": "yellow", "false": "red"}
 
 def run(
     name: str = typer.Argument(
-        help="The study: centrifuge, dual-orthogonal, ship-model or turntable; or a bundle (.zip)."
+        help="The study: centrifuge, dual-orthogonal, one-sensor, ship-model or turntable; or a "
+        "bundle (.zip)."
     ),
     out: Path | None = typer.Option(
         None,

@@ -19,6 +19,7 @@ from inercal.studies.study_content import MessageCallback, Study, StudyModule
 STUDIES: Mapping[str, str] = {
     "centrifuge": "inercal.studies.centrifuge",
     "dual-orthogonal": "inercal.studies.dual_orthogonal",
+    "one-sensor": "inercal.studies.one_sensor",
     "ship-model": "inercal.studies.ship_model",
     "turntable": "inercal.studies.turntable",
 }
