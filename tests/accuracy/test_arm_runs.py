@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.accuracy.arm_runs import record
 from tests.accuracy.centrifuge import PAPER_G, Triad, full_circle
+from tests.base_seeds import SLOW_SEEDS
 
 from inercal.benches import Centrifuge
 from inercal.methods.centrifuge_norm import ml
@@ -91,6 +92,6 @@ def test_arm_runs_scatter_as_stated(kind: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SLOW_SEEDS)
 def test_many_arm_runs_scatter_as_stated(kind: str, seed: int):
     assert_consistent(kind, seed, 60)

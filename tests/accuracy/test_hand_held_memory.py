@@ -19,7 +19,10 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[NDArray[np.floa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("suffix", SAVE)
+@pytest.mark.parametrize(
+    "suffix",
+    [s if s == ".npz" else pytest.param(s, marks=pytest.mark.evidence) for s in SAVE],
+)
 def test_a_longer_recording_takes_less_than_twice_its_numbers(
     tmp_path: Path, recordings: list[NDArray[np.float64]], suffix: str
 ):

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from tests.accuracy import turntable
+from tests.base_seeds import SLOW_SEEDS
 from tests.methods.turntable_cases import (
     ARCSEC,
     FAST,
@@ -139,7 +140,7 @@ def test_scale_factors_on_the_sources_path():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", SLOW_SEEDS)
 def test_the_notes_table_of_grade_t(seed: int):
     found = of_grade_t(seed)
     print(seed, {name: tuple(round(x, 4) for x in one) for name, one in found.items()})
@@ -168,7 +169,7 @@ def test_the_notes_table_of_grade_t(seed: int):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", SLOW_SEEDS)
 def test_fast_turns_both_ways(seed: int):
     runs = {
         "g 19": gyros(own=True, table="lean"),
@@ -209,7 +210,7 @@ FOUR_MINUTES = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("base", SEEDS)
+@pytest.mark.parametrize("base", SLOW_SEEDS)
 def test_flicker_over_four_minutes_is_as_stated(base: int):
     grade = replace(turntable.GRADES["C"], flicker=True)
     made = sensor(grade)
@@ -283,7 +284,7 @@ def test_what_is_exact_in_the_bench_is_not_estimated():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", SLOW_SEEDS)
 @pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
 @pytest.mark.parametrize("flicker", [False, True])
 def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
