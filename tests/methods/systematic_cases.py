@@ -1,5 +1,7 @@
 """Recordings of `systematic_table` as observations of the method, and their estimates."""
 
+from typing import Any
+
 import numpy as np
 from tests.methods import systematic_table as made
 
@@ -14,7 +16,9 @@ from inercal.units import Measured
 METHOD = method("systematic")
 
 
-def sensor_of(grade: made.Grade, drift: str = "markov", also=(), coefficients=()) -> Sensor:
+def sensor_of(
+    grade: made.Grade, drift: str = "markov", also: Any = (), coefficients: Any = ()
+) -> Sensor:
     """Return an IMU with the noise of a grade and the coefficients of the method."""
     correlation = 300.0 if drift == "markov" else 0.0
     size = 0.0 if drift == "none" else 1.0
@@ -39,7 +43,7 @@ def observations_of(recorded: made.Recorded, sensor: Sensor, means: bool = True)
     hold = np.full(time.size, -1, dtype=np.int64)
     for k, (start, stop) in enumerate(rests.tolist()):
         hold[start:stop] = k
-    seconds = (rests[:, 1] - rests[:, 0]) * float(time[1] - time[0])
+    seconds = np.asarray((rests[:, 1] - rests[:, 0]) * float(time[1] - time[0]), np.float64)
     white = np.diag([axis.noise.white**2 for axis in sensor.axes])
     return Observations(
         labels=tuple(f"p{k + 1}" for k in range(len(rests))),
@@ -61,7 +65,9 @@ def table_of(table: made.Table, **changed: float) -> StillTable:
     )
 
 
-def solved(recorded, sensor, bench, means: bool = True, priors=()) -> Estimate:
+def solved(
+    recorded: Any, sensor: Any, bench: Any, means: bool = True, priors: Any = ()
+) -> Estimate:
     """Return the estimate by the method's default."""
     return METHOD.estimator("")(observations_of(recorded, sensor, means), sensor, bench, (), priors)
 

@@ -7,6 +7,7 @@ up; C takes the body to n.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -89,7 +90,7 @@ class Recorded:
     drift_means: dict[str, float] = field(default_factory=dict)
 
 
-def cross_matrix(v):
+def cross_matrix(v: Any):
     v = np.asarray(v, dtype=float)
     m = np.zeros((*v.shape, 3))
     m[..., 0, 1], m[..., 0, 2], m[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
@@ -97,14 +98,14 @@ def cross_matrix(v):
     return m
 
 
-def rotation(axis, angle):
+def rotation(axis: Any, angle: Any):
     """Return the rotations by angles, (...), about a unit axis: (..., 3, 3)."""
     k = cross_matrix(axis)
     s, c = np.sin(angle)[..., None, None], (1 - np.cos(angle))[..., None, None]
     return np.eye(3) + s * k + c * (k @ k)
 
 
-def draw_truth(grade: Grade, rng, *, more: dict[str, float] | None = None):
+def draw_truth(grade: Grade, rng: Any, *, more: dict[str, float] | None = None):
     """Return coefficients of one device by name, and its lag; `more` are further terms by size."""
     truth: dict[str, float] = {}
     for axis in "xyz":
@@ -127,7 +128,7 @@ def draw_truth(grade: Grade, rng, *, more: dict[str, float] | None = None):
     return truth, grade.lag * rng.standard_normal()
 
 
-def _triad(truth, kind, one):
+def _triad(truth: Any, kind: Any, one: Any):
     """Return the bias and the matrix of a triad."""
     names = {"a": ("k0", "k1"), "g": ("bias", "scale")}[kind]
     bias, matrix = np.zeros(3), np.eye(3)
@@ -140,11 +141,11 @@ def _triad(truth, kind, one):
     return bias, matrix
 
 
-def _each(truth, kind, word):
+def _each(truth: Any, kind: Any, word: Any):
     return np.array([truth.get(f"{kind}{axis}.{word}", 0.0) for axis in "xyz"])
 
 
-def sense(truth, w, dw, f, *, force):
+def sense(truth: Any, w: Any, dw: Any, f: Any, *, force: Any):
     """Return readings, (n, 3), of the accelerometers or of the gyros for a motion."""
     bias, matrix = _triad(truth, "a" if force else "g", None)
     size = np.linalg.norm
@@ -169,7 +170,7 @@ def sense(truth, w, dw, f, *, force):
 class _Path:
     """The motion of the body along the path, at any time."""
 
-    def __init__(self, table: Table, rng):
+    def __init__(self, table: Table, rng: Any):
         self.table = table
         self.earth = EARTH * np.array([0, np.cos(table.latitude), np.sin(table.latitude)])
         up = np.eye(3)["xyz".index(table.up)]
@@ -200,7 +201,7 @@ class _Path:
         self.wobble = rng.standard_normal(3)
         self.wobble /= np.linalg.norm(self.wobble)
 
-    def _profile(self, s, seconds, steady, angle):
+    def _profile(self, s: Any, seconds: Any, steady: Any, angle: Any):
         """Return angle, rate and acceleration at times s into a turn: ramps are raised cosines."""
         ramp = self.table.ramp
         rate = angle / (steady + ramp)
@@ -216,7 +217,7 @@ class _Path:
         acceleration = 0.5 * rate * k * (np.sin(k * up) * rising - np.sin(k * down) * falling)
         return turned, speed, acceleration
 
-    def at(self, t):
+    def at(self, t: Any):
         """Return ω, dω/dt and f in the body at times (n,)."""
         table, n = self.table, t.size
         w, dw, f = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
@@ -265,7 +266,7 @@ class _Path:
         return w, dw, f
 
 
-def markov(rng, shape, step):
+def markov(rng: Any, shape: Any, step: Any):
     """Return a unit Gauss–Markov process; step in correlation times."""
     white = rng.standard_normal(shape)
     from scipy.signal import lfilter
@@ -275,7 +276,7 @@ def markov(rng, shape, step):
     return lfilter([1.0], [1.0, -a], white, axis=0)
 
 
-def flicker(rng, shape):
+def flicker(rng: Any, shape: Any):
     """Return 1/f noise of spectrum 1/(2π f), both sides, by its spectrum."""
     n = 4 * shape[0]
     spectrum = np.fft.rfft(rng.standard_normal((n, shape[1])), axis=0)
@@ -285,9 +286,16 @@ def flicker(rng, shape):
 
 
 def record(
-    truth, lag, table: Table, rng, *, rate_hz=20.0, grade: Grade | None = None, drift="markov",
-    samples="mean",
-):  # fmt: skip
+    truth: Any,
+    lag: Any,
+    table: Table,
+    rng: Any,
+    *,
+    rate_hz: Any = 20.0,
+    grade: Grade | None = None,
+    drift: Any = "markov",
+    samples: Any = "mean",
+):
     """Return a recording; without a grade it has no noise.
 
     drift is "markov" (300 s), "flicker" or "none".

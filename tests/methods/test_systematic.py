@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,14 +37,21 @@ NOMINAL = made.Table(rest=12.0, first=12.0, last=12.0, tilt=0.0, skew=0.0, angle
 SHORT = made.Table(rest=12.0, first=12.0, last=12.0)
 
 
-def device(grade: str, seed: int = 1, table=SHORT, rate_hz=20.0, noisy=True, **how):
+def device(
+    grade: str,
+    seed: int = 1,
+    table: Any = SHORT,
+    rate_hz: Any = 20.0,
+    noisy: Any = True,
+    **how: Any,
+):
     rng = np.random.default_rng(seed)
     truth, lag = made.draw_truth(made.GRADES[grade], rng)
     noise = made.GRADES[grade] if noisy else None
     return made.record(truth, lag, table, rng, rate_hz=rate_hz, grade=noise, **how)
 
 
-def segments_of(recorded: made.Recorded, sensor) -> Segments:
+def segments_of(recorded: made.Recorded, sensor: Any) -> Segments:
     seen = observations_of(recorded, sensor)
     assert seen.track is not None
     return segments_of_track(seen.track, seen.labels, sensor)
@@ -63,7 +71,16 @@ def test_without_noise_every_coefficient_is_exact(grade: str):
         assert abs(one) / unit_of(name) < limit, name
 
 
-def _turns(rate_hz: float, truth, lag: float, table: made.Table, c, sensor, *, second_order=True):
+def _turns(
+    rate_hz: float,
+    truth: Any,
+    lag: float,
+    table: made.Table,
+    c: Any,
+    sensor: Any,
+    *,
+    second_order: Any = True,
+):
     """Return velocity and attitude errors of turns with the true parameters."""
     rng = np.random.default_rng(3)
     recorded = made.record(truth, lag, table, rng, rate_hz=rate_hz)

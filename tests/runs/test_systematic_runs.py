@@ -58,7 +58,7 @@ def test_errors_are_as_large_as_stated_in_simulations_of_the_package(tmp_path: P
         truth = np.array([run.truth.get(name, 0.0) for name in sensor.coefficients])
         p = truth.size
         off = found.value[:p] - truth
-        squares.append(off @ np.linalg.solve(found.covariance[:p, :p], off) / p)
+        squares.append(float(off @ np.linalg.solve(found.covariance[:p, :p], off)) / p)
         assert outcome.verdict.grade != "unreliable"
     assert 0.7 < np.mean(squares) < 1.4
 
