@@ -1,7 +1,7 @@
 """One sensor through all methods: calibrations by different benches agree within their U, or not.
 
 Every method calibrates the same simulated IMU in a laboratory of its own, whose bench errs as its
-run file states. Run files are in `laboratories`; the sensor is in `sensor.toml`.
+run file states. Run files and the sensor are in `laboratories`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +33,7 @@ LABORATORIES = (
     "turntable_kalman",
     "systematic",
 )
-TRIALS_PER_SENSOR, FEWEST = 80, 3
+TRIALS_PER_SENSOR, FEWEST = 80, 6
 LEAST_P = 1e-3
 _ACCELEROMETERS_ALONE = ("centrifuge_norm",)
 _SIZES = {
@@ -49,7 +49,7 @@ _TRIANGULAR = ("ax.delta_o", "ax.delta_p", "ay.delta_o")
 """Zero in the truth: the body frame is that of the accelerometers in every laboratory."""
 
 
-class Agreement(NamedTuple):
+class PairTest(NamedTuple):
     """χ² of the difference of two calibrations, its degrees of freedom, and p."""
 
     chi2: float
@@ -63,8 +63,8 @@ Pair = tuple[str, str]
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
     sensors = max(trials // TRIALS_PER_SENSOR, FEWEST)
-    indices = [executor.submit(agreements, seed, k) for k in range(sensors)]
-    found: list[Mapping[Pair, Agreement]] = []
+    indices = [executor.submit(compare_pairs, seed, k) for k in range(sensors)]
+    found: list[Mapping[Pair, PairTest]] = []
     for one in in_order(executor, indices[0]):
         found.append(one)
         say(f"sensor {len(found)} of {sensors} through {len(LABORATORIES)} laboratories")
@@ -77,14 +77,14 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     )
 
 
-def agreements(seed: int, k: int) -> Mapping[Pair, Agreement]:
+def compare_pairs(seed: int, k: int) -> Mapping[Pair, PairTest]:
     """Return how each two laboratories agree on sensor `k` of a seed."""
     made = calibrations(seed, k)
-    found: dict[Pair, Agreement] = {}
+    found: dict[Pair, PairTest] = {}
     for pair in combinations(LABORATORIES, 2):
         joint = compare(*(made[name] for name in pair)).joint_test
         assert joint is not None  # all find the biases and scale factors of accelerometers
-        found[pair] = Agreement(joint.chi2, joint.rank, joint.p_value)
+        found[pair] = PairTest(joint.chi2, joint.rank, joint.p_value)
     return found
 
 
@@ -122,17 +122,17 @@ def draw_truth(rng: np.random.Generator) -> dict[str, str]:
 
 def run_file_text(laboratory: str, truth: Mapping[str, str]) -> str:
     """Return the run file of a laboratory for a sensor of this truth."""
-    folder = files(__name__)
+    folder = files(__name__).joinpath("laboratories")
     sensor = folder.joinpath("sensor.toml").read_text(encoding="utf-8")
     if laboratory in _ACCELEROMETERS_ALONE:
         sensor = sensor.split("[sensor.gyro]")[0]
         truth = {name: text for name, text in truth.items() if name.startswith("a")}
     lines = [f'"{name}" = "{text}"' for name, text in truth.items()]
-    bench = folder.joinpath("laboratories", f"{laboratory}.toml").read_text(encoding="utf-8")
+    bench = folder.joinpath(f"{laboratory}.toml").read_text(encoding="utf-8")
     return "\n".join([sensor, "[sensor.truth]", *lines, "", bench])
 
 
-def section(found: Sequence[Mapping[Pair, Agreement]]) -> StudySection:
+def section(found: Sequence[Mapping[Pair, PairTest]]) -> StudySection:
     """Return the section: both claims, and a table of the pairs."""
     pairs = list(found[0])
     chi2 = np.array([[one[pair].chi2 for pair in pairs] for one in found])
