@@ -12,11 +12,11 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, Field
 
 from inercal.calibration.grade import Verdict
 from inercal.errors import InputError
-from inercal.small_files import read_small_file
+from inercal.small_files import read_result_file
 
 SCHEMA = "inercal/control/1"
 CHECK_STANDARD = "check standard"
@@ -155,15 +155,7 @@ def load_check_standard(path: Path) -> CheckStandard:
     InputError
         No such file, or not such a file.
     """
-    text = read_small_file(path, "file of inercal control")
-    try:
-        found = _File.model_validate_json(text)
-    except ValidationError as error:
-        where = ".".join(map(str, error.errors()[0]["loc"])) or "the whole file"
-        raise InputError(
-            f"{path}: {where}: {error.errors()[0]['msg']}; give a file that inercal control wrote",
-            file=path,
-        ) from None
+    found = read_result_file(path, _File, "inercal control")
     return CheckStandard(path.name, found.sensor.name, found.reference.until, found.points)
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.small_files import read_small_file
+from inercal.small_files import read_result_file
 
 SCHEMA = "inercal/repeatability/1"
 _Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -93,15 +93,7 @@ def load_next_use(path: Path) -> NextUseScatter:
     InputError
         No such file, or not such a file.
     """
-    text = read_small_file(path, "file of inercal repeat")
-    try:
-        found = _File.model_validate_json(text)
-    except ValidationError as error:
-        where = ".".join(map(str, error.errors()[0]["loc"])) or "the whole file"
-        raise InputError(
-            f"{path}: {where}: {error.errors()[0]['msg']}; give a file that inercal repeat wrote",
-            file=path,
-        ) from None
+    found = read_result_file(path, _File, "inercal repeat")
     names = tuple(one.name for one in found.coefficients)
     covariance = np.array([row for row in found.scatter if len(row) == len(names)])
     if covariance.shape != (len(names), len(names)):

@@ -7,6 +7,7 @@ import typer
 
 from inercal.cli.console import print_json
 from inercal.cli.session_inputs import Same
+from inercal.cli.session_options import REGISTER, SAME, SENSOR, TABLE
 
 if TYPE_CHECKING:
     from inercal.check_standard import ControlCharts
@@ -21,26 +22,10 @@ def run(
         help="Calibration files of the check standard, in the order of time.",
         metavar="FILE…",
     ),
-    table: Path | None = typer.Option(
-        None,
-        "--table",
-        "-t",
-        help="CSV of sessions with columns file, day, mount, turn_on; instead of files.",
-    ),
-    sensor: str | None = typer.Option(
-        None, "--sensor", help="A sensor of the register; instead of files."
-    ),
-    register: str | None = typer.Option(
-        None,
-        "--register",
-        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER.",
-    ),
-    same: list[Same] | None = typer.Option(
-        None,
-        "--same",
-        help="What all files have in common; otherwise each is of another day, mounting and "
-        "turn-on.",
-    ),
+    table: Path | None = TABLE,
+    sensor: str | None = SENSOR,
+    register: str | None = REGISTER,
+    same: list[Same] | None = SAME,
     reference: int = typer.Option(20, "--reference", help="How many days are the reference."),
     run_length: float = typer.Option(
         370.0, "--run-length", help="Days between false signals of all charts together."
