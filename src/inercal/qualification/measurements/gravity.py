@@ -88,7 +88,7 @@ def tied_gravity(
         raise InputError(
             "the gravimeter did not come back to "
             f"{'the laboratory' if before else 'the point of the network'}: the drift of its zero "
-            "is not told from the difference; close the loop",
+            "cannot be distinguished from the difference; close the loop",
             key="[measurement] file",
         )
     time = hours - hours.mean()

@@ -91,7 +91,8 @@ def rate_error(
     if len(names) > 1:
         if len(set(sense.tolist())) < 2:
             raise InputError(
-                "all rates have one sense: their error is not told from the asymmetry; count in "
+                "all rates have one sense: their error cannot be distinguished from "
+                "the asymmetry; count in "
                 "both senses",
                 key="[measurement] file",
             )

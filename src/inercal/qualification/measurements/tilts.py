@@ -125,7 +125,8 @@ def right_angle(
     """
     if not ({1.0, -1.0} == set(np.unique(sense).tolist())):
         raise InputError(
-            "the level was read in one sense: its zero is not told from the right angle; read it "
+            "the level was read in one sense: its zero cannot be distinguished from "
+            "the right angle; read it "
             "direct (1) and reversed (-1)",
             key="[measurement] sense",
         )
@@ -142,7 +143,8 @@ def right_angle(
         reading,
         np.full(len(reading), sd),
         missing,
-        "the lean of the carrying axis is not told from the right angle; turn it to three or more "
+        "the lean of the carrying axis cannot be distinguished from "
+        "the right angle; turn it to three or more "
         "angles, evenly over a turn",
     )
     value = sign * fit.value[:1]
