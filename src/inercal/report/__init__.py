@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # reports do without a register, and most without a noise ana
 
     from inercal.check_standard import ControlCharts
     from inercal.noise import NoiseAnalysis
+    from inercal.noise.data_sheet import DataSheetNoise
     from inercal.store import CalibrationEntry, NoiseEntry, SensorHistory
     from inercal.store.recalibration import Recalibration
 
@@ -195,7 +196,12 @@ def write_draft(draft: Draft, path: str | Path) -> Path:
     return write_text(path, page(draft))
 
 
-def write_noise(analysis: "NoiseAnalysis", recording: Recording, path: str | Path) -> Path:
+def write_noise(
+    analysis: "NoiseAnalysis",
+    recording: Recording,
+    path: str | Path,
+    sheet: "DataSheetNoise | None" = None,
+) -> Path:
     """Write the page of a noise analysis; it appears whole or not at all. Return its path.
 
     Parameters
@@ -204,6 +210,8 @@ def write_noise(analysis: "NoiseAnalysis", recording: Recording, path: str | Pat
     recording : Recording
         That was analysed, in SI.
     path : path
+    sheet : DataSheetNoise, optional
+        A data sheet beside which the page shows the coefficients.
 
     Raises
     ------
@@ -212,7 +220,7 @@ def write_noise(analysis: "NoiseAnalysis", recording: Recording, path: str | Pat
     """
     with _extras():
         from inercal.report.noise_page import page
-    return write_text(path, page(analysis, recording))
+    return write_text(path, page(analysis, recording, sheet))
 
 
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
