@@ -1,4 +1,4 @@
-"""The section of a sensor's history page with its noise over time: figure and table."""
+"""A sensor's noise over time, figure and tables: a section of its history, or a page alone."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -15,6 +15,7 @@ from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, MUTED, WARN, X, Y, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
+from inercal.store.entries import SensorEntry
 from inercal.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
 from inercal.store.noise_history_text import change_lines, trend_rows
 from inercal.uncertainty.coverage import COVERAGE
@@ -38,6 +39,19 @@ def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
             entries=[_entry_row(one) for one in entries],
             figure=noise_trend_figure(trends),
         )
+    )
+
+
+def page(sensor: SensorEntry, entries: Sequence[NoiseEntry]) -> str:
+    """Return the page of a sensor without calibrations, HTML; one analysis at least."""
+    first, last = (one.measured.partition("T")[0] for one in (entries[0], entries[-1]))
+    return render(
+        "sensor_noise.html",
+        sensor=sensor,
+        count=len(entries),
+        first=first,
+        last=last,
+        section=noise_history_section(entries),
     )
 
 
