@@ -78,7 +78,7 @@ class DataSheetNoise:
     @property
     def sensor_noise(self) -> SensorNoise:
         """The noise as other programs take it."""
-        triads = {
+        triads: dict[Quantity, TriadNoise] = {
             quantity: _triad(quantity, self.coefficients[quantity], self.rate_hz)
             for quantity in QUANTITIES
             if quantity in self.coefficients

@@ -35,11 +35,16 @@ def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
         render(
             "noise_history_section.html",
             rows=[tuple(map(typeset_minus, row)) for row in trend_rows(trends)],
-            lines=[f"{line[0].upper()}{line[1:]}." for line in change_lines(trends)],
+            lines=[_sentence(line) for line in change_lines(trends)],
             entries=[_entry_row(one) for one in entries],
             figure=noise_trend_figure(trends),
         )
     )
+
+
+def _sentence(line: str) -> Markup:
+    text = Markup.escape(f"{line[0].upper()}{line[1:]}.")
+    return text.replace("E_n", Markup("E<sub>n</sub>"))
 
 
 def page(sensor: SensorEntry, entries: Sequence[NoiseEntry]) -> str:

@@ -113,7 +113,8 @@ class _Reader:
     def __init__(
         self, quantity: Quantity, section: SheetNoiseSection, rate: float, remarks: list[str]
     ):
-        self._quantity, self._section = quantity, section
+        self._quantity: Quantity = quantity
+        self._section = section
         self._rate, self._remarks = rate, remarks
         self._unit = READING_UNITS[quantity]
         self._name = f"[datasheet.{quantity}]"
