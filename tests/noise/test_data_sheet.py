@@ -98,6 +98,28 @@ def test_a_minimum_is_0_664_of_the_coefficient(tmp_path: Path):
     assert plain["values_in_unit"] == pytest.approx([3.3])
 
 
+def test_a_minimum_gives_back_the_coefficients_whose_deviation_has_it(tmp_path: Path):
+    white, flicker, walk = 9.0, 5.0, 0.2  # °/h √s, °/h, °/h/√s
+    tau = np.geomspace(1, 1e4, 40_001)
+    squares = white**2 / tau + 2 * np.log(2) / np.pi * flicker**2 + walk**2 * tau / 3
+    least = float(np.sqrt(squares.min()))
+    keys = {
+        "white": f'"{white / 60} °/√h"',
+        "white_kind": '"random walk"',
+        "random_walk": f'"{walk} °/h/√s"',
+    }
+    found = imported(write_sheet(tmp_path, **keys, bias_instability=f'"{least:.9f} °/h"'))
+    assert found["gyro", "B"]["values_in_unit"] == pytest.approx([flicker], rel=1e-6)
+    assert [symbol for quantity, symbol in found if quantity == "gyro"] == ["N", "B", "K"]
+    low = run_program(
+        "noise",
+        "--datasheet",
+        write_sheet(tmp_path, **keys, bias_instability='"1.4 °/h"'),
+    )
+    assert low.status == 2
+    assert "1.44 °/h" in low.error
+
+
 def test_values_of_three_axes_are_one_root_mean_square_for_a_triad(tmp_path: Path):
     sheet = write_sheet(tmp_path, white='["1 °/√h", "2 °/√h", "3 °/√h"]',
                         white_kind='"random walk"')  # fmt: skip

@@ -5,15 +5,15 @@ A noise density of the form rms/√bandwidth is one-sided, N is the root of the 
     D² B_n = rms²,  D² = 2 N²          D one-sided density, B_n equivalent noise bandwidth
     N = D/√2 = rms/√(2 B_n)            N is also the angle or velocity random walk, σ_θ = N √t
     B_n = f₃ (π/2n)/sin(π/2n)          f₃ −3 dB frequency of a Butterworth filter of order n
-    B = minimum of the Allan deviation / √(2 ln2/π)
+    min² = (2 ln2/π) B² + 2 N K/√3     min the minimum of the Allan deviation, at τ = √3 N/K
 
-White noise and a random walk add to the minimum, so that B from a minimum is rather too large.
+Where K is not known, B is min/√(2 ln2/π), which is rather too large.
 Sources: IEEE Std 952, annex B; IEEE Std 1293.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import pi, sin, sqrt
+from math import nan, pi, sin, sqrt
 from typing import Literal
 
 from inercal.noise.channel_noise import Quantity, coefficient_unit
@@ -135,13 +135,34 @@ def noise_bandwidth(bandwidth: float, kind: BandwidthKind) -> float:
     return bandwidth * angle / sin(angle)
 
 
-def bias_instability(value: float, kind: BiasKind) -> float:
+def bias_instability(value: float, kind: BiasKind, others: float = 0.0) -> float:
     """Return B, SI, of the minimum of an Allan deviation or of the coefficient itself.
+
+    It is not a number where the other terms alone have a larger minimum.
+
+    Parameters
+    ----------
+    value : float
+    kind : "minimum" or "coefficient"
+    others : float
+        Minimum of the Allan deviation of white noise and random walk alone.
 
     >>> round(bias_instability(0.6643, "minimum"), 4)
     1.0
     """
-    return value / sqrt(FLICKER_FLOOR) if kind == "minimum" else value
+    if kind == "coefficient":
+        return value
+    square = value**2 - others**2
+    return sqrt(square / FLICKER_FLOOR) if square >= 0 else nan
+
+
+def minimum_of_others(white: float, walk: float) -> float:
+    """Return the minimum of the Allan deviation of white noise N and random walk K alone, SI.
+
+    >>> round(minimum_of_others(1.0, 3**0.5 / 2), 4)
+    1.0
+    """
+    return sqrt(2 * white * walk / sqrt(3))
 
 
 def shown(value: float, symbol: str, quantity: Quantity) -> str:

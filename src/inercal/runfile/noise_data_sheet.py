@@ -5,6 +5,7 @@ A sheet states "0.008 °/s/√Hz" or "0.34 °/√h", and both may be right: a no
 """
 
 from collections.abc import Callable, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TypeVar, cast, get_args
 
@@ -19,6 +20,7 @@ from inercal.noise.data_sheet import (
     SheetCoefficient,
     WhiteKind,
     bias_instability,
+    minimum_of_others,
     noise_bandwidth,
     shown,
     white_noise,
@@ -128,16 +130,16 @@ class _Reader:
             found.append(self._white())
         if section.rms is not None:
             found.append(self._white_of_rms())
-        if section.bias_instability is not None:
-            found.append(self._bias_instability())
         if section.random_walk is not None:
             values, text = self._values("random_walk", f"({self._unit})/√s")
             found.append(SheetCoefficient("K", values, text))
+        if section.bias_instability is not None:
+            found.append(self._bias_instability(found))
         if not found:
             raise key_error(
                 self._name, "states no noise: add white, rms, bias_instability or random_walk"
             )
-        return tuple(found)
+        return tuple(sorted(found, key=lambda one: "NBK".index(one.symbol)))
 
     def _require_partners(self) -> None:
         """Refuse a kind or a bandwidth without its value, and two statements of white noise."""
@@ -215,7 +217,8 @@ class _Reader:
             f"{text} rms within {section.bandwidth} ({kind})",
         )
 
-    def _bias_instability(self) -> SheetCoefficient:
+    def _bias_instability(self, others: Sequence[SheetCoefficient]) -> SheetCoefficient:
+        """Return B; of a minimum, without what white noise and random walk add to it."""
         values, text = self._values("bias_instability", self._unit)
         kind = self._section.bias_instability_kind
         if kind is None:
@@ -227,14 +230,28 @@ class _Reader:
                 f"missing: {text} is {meanings}. Data sheets mostly state the minimum of the Allan "
                 "deviation, 0.664 B",
             )
-        if kind == "minimum":
-            self._remarks.append(
-                f"{self._name} bias_instability: white noise and random walk add to a minimum, so "
-                "that B is rather too large"
+        both = {one.symbol: one for one in others}
+        if kind == "coefficient" or set(both) != {"N", "K"}:
+            if kind == "minimum":
+                self._remarks.append(
+                    f"{self._name} bias_instability: white noise and random walk add to a minimum, "
+                    "so that B is rather too large; with white and random_walk they are taken off"
+                )
+            found = tuple(bias_instability(one, kind) for one in values)
+            return SheetCoefficient("B", found, f"{text} ({kind})")
+        count = max(len(values), *(len(one.values) for one in others))
+        own = SheetCoefficient("B", values, text)
+        least = [
+            minimum_of_others(both["N"].of_axis(k), both["K"].of_axis(k)) for k in range(count)
+        ]
+        found = tuple(bias_instability(own.of_axis(k), kind, least[k]) for k in range(count))
+        if not all(isfinite(one) for one in found):
+            raise key_error(
+                f"{self._name} bias_instability",
+                f"{text} is below {shown(max(least), 'B', self._quantity)}, the minimum of the "
+                "Allan deviation of white and random_walk alone: check the three",
             )
-        return SheetCoefficient(
-            "B", tuple(bias_instability(one, kind) for one in values), f"{text} ({kind})"
-        )
+        return SheetCoefficient("B", found, f"{text} ({kind}, without the part of N and K)")
 
     def _meanings(
         self, symbol: str, kinds: Sequence[_Kind], value: Callable[[_Kind], float]
