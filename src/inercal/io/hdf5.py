@@ -24,7 +24,7 @@ from inercal.io.variables import (
     STRUCTS,
     Variable,
     column_blocks,
-    numeric_columns,
+    number_columns,
     table_from_variables,
 )
 
@@ -76,7 +76,7 @@ def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
     h5py = _h5py()
     try:
         with h5py.File(path, "r") as file:
-            return numeric_columns(list(_variables(h5py, file, "", set())))
+            return number_columns(list(_variables(h5py, file, "", set())))
     except DAMAGED:
         return None
 

@@ -164,7 +164,7 @@ def table_from_variables(
     return Table(tuple(names), read, source, file_sha256(path), 0, header=True, block=block)
 
 
-def numeric_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int] | None:
+def number_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int] | None:
     """Return names and length of the recording's columns; None where there is none, or text."""
     columns = _columns(variables)
     if not columns:
@@ -181,7 +181,7 @@ def column_blocks(variables: Sequence[Variable], names: Sequence[str]) -> Iterat
     ----------
     variables : sequence of Variable
     names : sequence of str
-        Of `numeric_columns`.
+        Of `number_columns`.
     """
     found = {name: (v, k) for name, v, k in _columns(variables) if name in names}
     used = {v.name: v for v, _ in found.values()}

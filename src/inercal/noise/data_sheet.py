@@ -17,7 +17,7 @@ from math import nan, pi, sin, sqrt
 from typing import Literal
 
 from inercal.noise.channel_noise import Quantity, coefficient_unit
-from inercal.noise.sensor_noise import QUANTITIES, SensorNoise, TriadNoise, mean_square_root
+from inercal.noise.sensor_noise import QUANTITIES, SensorNoise, TriadNoise, root_mean_of_squares
 from inercal.noise.terms import FLICKER_FLOOR
 from inercal.units import si_factor
 
@@ -52,7 +52,7 @@ class SheetCoefficient:
     @property
     def mean(self) -> float:
         """Root mean square over the axes."""
-        return mean_square_root(self.values)
+        return root_mean_of_squares(self.values)
 
 
 @dataclass(frozen=True)
@@ -156,10 +156,10 @@ def bias_instability(value: float, kind: BiasKind, others: float = 0.0) -> float
     return sqrt(square / FLICKER_FLOOR) if square >= 0 else nan
 
 
-def minimum_of_others(white: float, walk: float) -> float:
+def minimum_without_flicker(white: float, walk: float) -> float:
     """Return the minimum of the Allan deviation of white noise N and random walk K alone, SI.
 
-    >>> round(minimum_of_others(1.0, 3**0.5 / 2), 4)
+    >>> round(minimum_without_flicker(1.0, 3**0.5 / 2), 4)
     1.0
     """
     return sqrt(2 * white * walk / sqrt(3))

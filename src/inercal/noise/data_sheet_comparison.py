@@ -8,7 +8,7 @@ from typing import Any
 from inercal.errors import InputError
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, Quantity, coefficient_unit
 from inercal.noise.data_sheet import DataSheetNoise, SheetCoefficient, shown
-from inercal.noise.sensor_noise import QUANTITIES, axis_coefficient, mean_square_root
+from inercal.noise.sensor_noise import QUANTITIES, axis_coefficient, root_mean_of_squares
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty, si_factor
 
@@ -134,7 +134,7 @@ def kind_remarks(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> tupl
         is_density = stated.stated.endswith("(density)")
         # Of a density √2 times N was taken off.
         factor = sqrt(2) if is_density else 1 / sqrt(2)
-        mean = mean_square_root(ratios)
+        mean = root_mean_of_squares(ratios)
         if abs(mean / factor - 1) < _NEAR:
             other = "random walk" if is_density else "density"
             value = shown(stated.mean * factor, "N", quantity)

@@ -13,7 +13,7 @@ from inercal.errors import InputError
 from inercal.noise.channel_noise import SI_UNIT
 from inercal.noise.flicker_states import flicker_states
 from inercal.noise.noise_files import require_rate
-from inercal.noise.sensor_noise import SensorNoise, TriadNoise, mean_square_root
+from inercal.noise.sensor_noise import SensorNoise, TriadNoise, root_mean_of_squares
 
 _SHORTEST = 1.0  # s, of the averaging times of a chain; of slow sensors ten samples
 
@@ -44,7 +44,7 @@ def filter_text(noise: SensorNoise, horizon: float) -> str:
 def _triad_lines(triad: TriadNoise, unit: str, longest: float) -> list[str]:
     dt = 1 / require_rate(triad)
     white, flicker, walk, markov = (
-        mean_square_root([one.get(symbol, 0.0) for one in triad.axes]) for symbol in "NBKG"
+        root_mean_of_squares([one.get(symbol, 0.0) for one in triad.axes]) for symbol in "NBKG"
     )
     lines = [
         f"  step: {dt:.9g}  # s",

@@ -88,7 +88,7 @@ def axis_coefficient(channel: ChannelNoise, symbol: str) -> tuple[float, float]:
     return found.value, found.u
 
 
-def mean_square_root(values: Sequence[float]) -> float:
+def root_mean_of_squares(values: Sequence[float]) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -99,7 +99,7 @@ def _triad(axes: Sequence[ChannelNoise], quantity: Quantity) -> TriadNoise:
         pairs = [axis_coefficient(one, symbol) for one in axes]
         if not any(value for value, _ in pairs):
             continue
-        mean = mean_square_root([value for value, _ in pairs])
+        mean = root_mean_of_squares([value for value, _ in pairs])
         sums = sum((value * u) ** 2 for value, u in pairs if value)
         values[symbol] = mean, float(np.sqrt(sums)) / (len(pairs) * mean)
     notes = [

@@ -20,7 +20,7 @@ from inercal.noise.data_sheet import (
     SheetCoefficient,
     WhiteKind,
     bias_instability,
-    minimum_of_others,
+    minimum_without_flicker,
     noise_bandwidth,
     shown,
     white_noise,
@@ -242,7 +242,8 @@ class _Reader:
         count = max(len(values), *(len(one.values) for one in others))
         own = SheetCoefficient("B", values, text)
         least = [
-            minimum_of_others(both["N"].of_axis(k), both["K"].of_axis(k)) for k in range(count)
+            minimum_without_flicker(both["N"].of_axis(k), both["K"].of_axis(k))
+            for k in range(count)
         ]
         found = tuple(bias_instability(own.of_axis(k), kind, least[k]) for k in range(count))
         if not all(isfinite(one) for one in found):
