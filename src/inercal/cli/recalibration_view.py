@@ -8,17 +8,26 @@ from inercal.cli.tables import add_row, make_table, number_columns
 from inercal.cli.terminal import terminal
 from inercal.errors import InputError
 from inercal.store.recalibration import Recalibration
-from inercal.store.recalibration_text import interval_text, limit_text, recalibration_lines
+from inercal.store.recalibration_text import (
+    hours_text,
+    interval_text,
+    limit_text,
+    recalibration_lines,
+)
 
 
 def print_recalibration(found: Recalibration) -> None:
     """Print the intervals of each coefficient in days, and the next date."""
     if found.rows:
-        heads = number_columns(("prediction, days", "chart", "staircase"))
+        heads = number_columns(
+            ("prediction, days", "chart", "staircase", "time in use, hours", "sensors")
+        )
         table = make_table("coefficient", "limit", *heads)
         for one in found.rows:
             days = map(interval_text, (one.prediction, one.chart, one.staircase))
-            add_row(table, one.name, limit_text(found, one), *days)
+            pooled = str(one.sensors or "")
+            cells = (limit_text(found, one), *days, hours_text(one.hours), pooled)
+            add_row(table, one.name, *cells)
         terminal().print(table)
     for line in recalibration_lines(found):
         print_line(line)
@@ -32,6 +41,14 @@ def recalibration_object(found: Recalibration) -> dict[str, Any]:
         "decided_by": found.decided_by,
         "longest": found.longest,
         "hours_in_use": found.hours_in_use,
+        "operating_hours": found.operating_hours,
+        "pool": None
+        if found.pool is None
+        else {
+            "type": found.pool.type_name,
+            "sensors": list(found.pool.sensors),
+            "longest": found.pool.longest,
+        },
         "coefficients": [
             {
                 "name": one.name,
@@ -41,6 +58,8 @@ def recalibration_object(found: Recalibration) -> dict[str, Any]:
                 "prediction": one.prediction,
                 "chart": one.chart,
                 "staircase": one.staircase,
+                "hours": one.hours,
+                "sensors": one.sensors,
             }
             for one in found.rows
         ],

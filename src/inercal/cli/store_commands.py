@@ -125,6 +125,13 @@ def history(
         float | None,
         typer.Option(help="Percent of the time in use: the interval as hours of use, too."),
     ] = None,
+    like: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A sensor of the same type, for the interval of a sensor with few calibrations; "
+            "else those with the same model in [job]."
+        ),
+    ] = None,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
@@ -132,7 +139,8 @@ def history(
     from inercal.cli import recalibration_view, store_view
     from inercal.cli.noise_history_view import noise_object_list, print_noise_history
     from inercal.store import Register
-    from inercal.store.recalibration import recalibration
+    from inercal.store.recalibration import needs_pool, recalibration
+    from inercal.store.type_pool import type_pool
 
     with Register(register, create=False) as opened:
         if out is not None:
@@ -144,9 +152,10 @@ def history(
             _print_noise_alone(entry, noise, json=json)
             return
         found = opened.history(sensor)
+        pool = type_pool(opened, found, like or ()) if like or needs_pool(found) else None
     chosen = found.select(coefficients or ())
     share = None if in_use is None else in_use / 100
-    next_one = recalibration(chosen, recalibration_view.stated_limits(limit), share)
+    next_one = recalibration(chosen, recalibration_view.stated_limits(limit), share, pool)
     if out is not None:
         from inercal.report import write_history
 

@@ -5,7 +5,12 @@ from markupsafe import Markup
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 from inercal.store.recalibration import Recalibration
-from inercal.store.recalibration_text import interval_text, limit_text, recalibration_lines
+from inercal.store.recalibration_text import (
+    hours_text,
+    interval_text,
+    limit_text,
+    recalibration_lines,
+)
 
 
 def recalibration_section(found: Recalibration) -> Markup:
@@ -15,6 +20,8 @@ def recalibration_section(found: Recalibration) -> Markup:
             one.name,
             typeset_minus(limit_text(found, one)),
             *map(interval_text, (one.prediction, one.chart, one.staircase)),
+            hours_text(one.hours),
+            str(one.sensors or ""),
         )
         for one in found.rows
     ]
