@@ -24,6 +24,11 @@ def run(
     ),
     table: Path | None = TABLE,
     sensor: str | None = SENSOR,
+    bench: str | None = typer.Option(
+        None,
+        "--bench",
+        help="A bench of the register, by its name or kind: chart what its own runs show of it.",
+    ),
     register: str | None = REGISTER,
     same: list[Same] | None = SAME,
     reference: int = typer.Option(20, "--reference", help="How many days are the reference."),
@@ -42,6 +47,15 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
 ) -> None:
     """Chart a check standard: whether the bench is in control, and since when it is not."""
+    if bench is not None:
+        from inercal.cli.bench_control import ChartOptions, run_bench_charts
+        from inercal.cli.session_inputs import require_one_way
+
+        require_one_way(files, table, sensor, bench)
+        days = tuple(map(_day, restart or []))
+        options = ChartOptions(reference, run_length, days, out, force=force, json=json)
+        run_bench_charts(bench, register, options, same)
+        return
     from inercal.check_standard import CheckedSession, control_charts
     from inercal.check_standard.chart_files import as_object, to_text
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful

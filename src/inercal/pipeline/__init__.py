@@ -28,6 +28,7 @@ from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.pipeline.calibration_record import (
+    bench_readbacks,
     provenance,
     run_conditions,
     shared_errors,
@@ -307,6 +308,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         conformity=None
         if run.specification is None
         else run.specification.judge(sensor.coefficients, value, covariance),
+        readbacks=bench_readbacks(estimate, expected, p),
     )
     return Outcome(
         calibration,

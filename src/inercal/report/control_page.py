@@ -89,11 +89,11 @@ def _joint_figure(found: ControlCharts) -> Markup:
     values, limits = found.values, found.limits
     panels = (("T²", values.t2, limits.t2), ("MEWMA", values.mewma, limits.mewma))
     for axes, (name, statistic, limit) in zip(rows[0], panels, strict=True):
-        _points(axes, at, statistic, statistic > limit)
+        draw_points(axes, at, statistic, statistic > limit)
         axes.axhline(limit, color=WARN, lw=0.9, ls="--")
         axes.set_ylim(0, 1.1 * max(limit, float(statistic.max())))
         axes.set_title(f"{name}, limit {limit:.1f}")
-        _date_axis(axes)
+        draw_dates(axes)
     return svg(figure, "joint", "T² and MEWMA over time with their limits")
 
 
@@ -121,19 +121,20 @@ def _axis_figure(found: ControlCharts, places: list[int], name: str) -> Markup:
         axes.axvspan(times[0], times[m - 1], color=BAND, lw=0)
         axes.plot(times[:m], first, "o", ms=2.6, mfc=PAPER, mec=MUTED, mew=0.8)
         axes.plot(times[m:], ewma, "-", color=Z, lw=1.1)
-        _points(axes, times[m:], z, (np.abs(z) > limit) | (np.abs(ewma) > of_ewma))
+        draw_points(axes, times[m:], z, (np.abs(z) > limit) | (np.abs(ewma) > of_ewma))
         for sign in (-1, 1):
             axes.axhline(sign * limit, color=WARN, lw=0.9, ls="--")
             axes.axhline(sign * of_ewma, color=Z, lw=0.7, ls=":")
         axes.set_title(f"{found.names[k]}, standard deviations")
-        _date_axis(axes)
+        draw_dates(axes)
     for axes in panels[len(places) :]:
         axes.set_axis_off()
     names = ", ".join(found.names[k] for k in places)
     return svg(figure, name, f"Shewhart and EWMA charts of {names}")
 
 
-def _points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
+def draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
+    """Draw the points of a chart; those beyond a limit as diamonds."""
     axes.plot(at[~beyond], values[~beyond], "o", ms=3.0, mfc=INK, mec=INK, mew=0)
     # Another shape, open and larger: to be told without colour too.
     axes.plot(at[beyond], values[beyond], "D", ms=5.0, mfc=PAPER, mec=WARN, mew=1.4, zorder=3)
@@ -141,7 +142,8 @@ def _points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> 
     axes.set_axisbelow(True)
 
 
-def _date_axis(axes: Axes) -> None:
+def draw_dates(axes: Axes) -> None:
+    """Give the axis of time, in days since 1970, its dates."""
     locator = AutoDateLocator(minticks=3, maxticks=6)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(

@@ -233,7 +233,7 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
             "inercal store import",
             names=(sensor.name,),
         )
-    entries, left_out = _latest_per_recording(entries)
+    entries, left_out = latest_per_recording(entries)
     newest = entries[-1].calibration
     kept: list[tuple[CalibrationEntry, Calibration]] = []
     for entry in entries:
@@ -268,7 +268,7 @@ def _operating_hours(calibration: Calibration) -> float | None:
     return hours if isfinite(hours) else None
 
 
-def _latest_per_recording(
+def latest_per_recording(
     entries: Sequence[CalibrationEntry],
 ) -> tuple[list[CalibrationEntry], list[str]]:
     """Return the last entered calibration of each recording, and in words those left out.
