@@ -76,6 +76,14 @@ def test_a_restart_forgets_what_was_before_the_repair():
     assert found.episodes[-1].until == f"{day(36)}T08:00:00"
 
 
+def test_a_new_reference_begins_since_a_day_and_a_cusum_finds_a_small_step():
+    moved = runs(np.random.default_rng(2), 70, step=6e-6, since=30)
+    found = bench_charts("arm", moved, lasting="CUSUM")
+    assert any("radius" in one.signals.get("CUSUM", ()) for one in found.points)
+    later = bench_charts("arm", moved[30:], lasting="CUSUM")
+    assert later.in_control
+
+
 def test_a_parameter_with_fewer_days_than_the_reference_is_named():
     given = runs(np.random.default_rng(2), 30)
     late = [
@@ -143,6 +151,8 @@ def test_the_verb_charts_a_bench_of_the_register(address: str, tmp_path: Path):
         (("--bench", "arm 1", "--sensor", "IMU-0"), "in one way"),
         (("--bench", "arm 1", "--same", "day"), "--same"),
         (("--bench", "arm 1"), "14 days with readbacks"),
+        (("--bench", "arm 1", "--since", "2027-01-01"), "--since 2027-01-01"),
+        (("--bench", "arm 1", "--since", "then"), "--since 'then'"),
     ],
 )
 def test_what_cannot_be_charted_is_refused(address: str, arguments: tuple[str, ...], words: str):

@@ -316,9 +316,9 @@ def _shared_error(content: dict[str, Any]) -> SharedError:
 
 
 def _readback(content: dict[str, Any]) -> BenchReadback:
-    texts = {key: content[key] for key in ("name", "unit", "meaning")}
-    numbers = ("value", "std", "own_std", "stated", "stated_std")
-    return BenchReadback(**texts, **{key: float(content[key]) for key in numbers})
+    name, unit, meaning = (content[key] for key in ("name", "unit", "meaning"))
+    numbers = (content[key] for key in ("value", "std", "own_std", "stated", "stated_std"))
+    return BenchReadback(name, unit, meaning, *map(float, numbers))
 
 
 def _range(ends: list[float]) -> tuple[float, float]:

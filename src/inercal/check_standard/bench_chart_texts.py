@@ -48,12 +48,14 @@ def day_signals(found: BenchCharts) -> list[tuple[str, str]]:
 
 def as_object(found: BenchCharts) -> dict[str, Any]:
     """Return the charts as a JSON object: values in SI, statistics without unit."""
+    kind = found.lasting_kind.lower()
     return {
         "schema": SCHEMA,
         "bench": found.bench,
         "in_control": found.in_control,
         "run_length": {"all": found.run_length, "single": found.single_run_length},
         "weights": {"EWMA": EWMA_WEIGHT},
+        "lasting": found.lasting_kind,
         "parameters": [
             {
                 "name": one.name,
@@ -64,14 +66,14 @@ def as_object(found: BenchCharts) -> dict[str, Any]:
                 "reference_days": one.reference_days,
                 "scatter": one.scatter,
                 "shewhart_limit": one.shewhart_limit,
-                "ewma_limit": one.ewma_limit,
+                f"{kind}_limit": one.lasting_limit,
                 "points": [
                     {
                         "measured": time,
                         "value": float(one.values[k]),
                         "own_std": float(one.std[k]),
                         "shewhart": float(one.shewhart[k]),
-                        "ewma": None if k < one.reference_days else float(one.ewma[k]),
+                        kind: None if k < one.reference_days else float(one.lasting[k]),
                         "signals": list(one.signals(k)),
                     }
                     for k, time in enumerate(one.days)
@@ -92,15 +94,15 @@ def to_text(found: BenchCharts) -> str:
 
 
 def newest_statistics(found: BenchCharts) -> list[tuple[str, ...]]:
-    """Return of each parameter its largest |z| and |EWMA| after the reference, with the limits."""
+    """Return of each parameter its largest |z|, and |EWMA| or CUSUM, with their limits."""
     rows: list[tuple[str, ...]] = []
     for one in found.charts:
         later = slice(one.reference_days, None)
-        z, ewma = one.shewhart[later], one.ewma[later]
+        z, lasting = one.shewhart[later], one.lasting[later]
         largest = [
             f"{values[np.argmax(np.abs(values))]:.2f}" if values.size else ""
-            for values in (z, ewma)
+            for values in (z, lasting)
         ]
-        limits = f"{one.shewhart_limit:.2f}", f"{one.ewma_limit:.2f}"
+        limits = f"{one.shewhart_limit:.2f}", f"{one.lasting_limit:.2f}"
         rows.append((one.name, one.meaning, largest[0], limits[0], largest[1], limits[1]))
     return rows

@@ -1,9 +1,9 @@
 """Control charts of a bench by the readbacks of its own runs, without a check standard.
 
-Each parameter that runs show (`inercal.calibration.readbacks`) has a Shewhart and an EWMA chart of
-its own, for runs of other methods show other parameters. Of a day's runs the weighted mean is a
-point, with own variance s² and the scatter τ² from day to day of the reference, the first m days
-that have the parameter::
+Each parameter that runs show (`inercal.calibration.readbacks`) has a Shewhart and an EWMA or CUSUM
+chart of its own, for runs of other methods show other parameters. Of a day's runs the weighted mean
+is a point, with own variance s² and the scatter τ² from day to day of the reference, the first m
+days that have the parameter::
 
     z = (q' − μ)/√(τ² + s² + u²(μ)),   μ = Σ w q'/Σ w,   w = 1/(τ² + s²),   u²(μ) = 1/Σ w
 
@@ -30,15 +30,16 @@ from inercal.check_standard.charts import (
 )
 from inercal.errors import InputError
 from inercal.uncertainty.control_charts import (
-    EWMA_WEIGHT,
     ChartKind,
     ChartValues,
+    LastingKind,
     chart_values,
+    lasting_limit,
 )
 from inercal.uncertainty.repeated_measurements import restricted_variances
 from inercal.uncertainty.run_lengths import chart_limit, wider_limit
 
-_KINDS = 2  # Shewhart and EWMA
+_KINDS = 2  # Shewhart, and EWMA or CUSUM
 
 
 @dataclass(frozen=True)
@@ -70,9 +71,10 @@ class ParameterChart:
         m.
     mean, mean_std, scatter : float
         μ, u(μ) and τ.
-    shewhart, ewma : (n,) arrays
-        z of all days, and the EWMA, 0 in the reference.
-    shewhart_limit, ewma_limit : float
+    shewhart, lasting : (n,) arrays
+        z of all days, and the EWMA or CUSUM, 0 in the reference.
+    shewhart_limit, lasting_limit : float
+    lasting_kind : "EWMA" or "CUSUM"
     """
 
     name: str
@@ -86,9 +88,10 @@ class ParameterChart:
     mean_std: float
     scatter: float
     shewhart: Array
-    ewma: Array
+    lasting: Array
     shewhart_limit: float
-    ewma_limit: float
+    lasting_limit: float
+    lasting_kind: LastingKind
 
     def signals(self, k: int) -> tuple[ChartKind, ...]:
         """Return which charts signal on day k; none in the reference."""
@@ -97,8 +100,8 @@ class ParameterChart:
         found: list[ChartKind] = []
         if abs(self.shewhart[k]) > self.shewhart_limit:
             found.append("Shewhart")
-        if abs(self.ewma[k]) > self.ewma_limit:
-            found.append("EWMA")
+        if abs(self.lasting[k]) > self.lasting_limit:
+            found.append(self.lasting_kind)
         return tuple(found)
 
 
@@ -135,6 +138,11 @@ class BenchCharts:
     charts: tuple[ParameterChart, ...]
     too_few: dict[str, int]
     run_length: float
+
+    @property
+    def lasting_kind(self) -> LastingKind:
+        """EWMA or CUSUM."""
+        return self.charts[0].lasting_kind
 
     @property
     def single_run_length(self) -> float:
@@ -175,6 +183,7 @@ def bench_charts(
     reference: int = REFERENCE_DAYS,
     run_length: float = RUN_LENGTH,
     restarts: Sequence[str] = (),
+    lasting: LastingKind = "EWMA",
 ) -> BenchCharts:
     """Return the control charts of a bench.
 
@@ -189,7 +198,9 @@ def bench_charts(
     run_length : float
         In-control run length of all charts together, in days.
     restarts : sequence of str
-        Times of corrective actions, ISO 8601: after them the EWMA begins anew.
+        Times of corrective actions, ISO 8601: after them EWMA or CUSUM begins anew.
+    lasting : "EWMA" or "CUSUM"
+        Chart of small lasting changes.
 
     Raises
     ------
@@ -215,7 +226,9 @@ def bench_charts(
             key="--reference",
         )
     single = run_length * _KINDS * len(enough)
-    charts = tuple(_chart(name, days[name], reference, single, restarts) for name in enough)
+    charts = tuple(
+        _chart(name, days[name], reference, single, restarts, lasting) for name in enough
+    )
     return BenchCharts(bench, tuple(runs), charts, too_few, run_length)
 
 
@@ -232,7 +245,12 @@ def _days_of(name: str, runs: Sequence[BenchRun]) -> list[_Day]:
 
 
 def _chart(
-    name: str, days: Sequence[_Day], m: int, run_length: float, restarts: Sequence[str]
+    name: str,
+    days: Sequence[_Day],
+    m: int,
+    run_length: float,
+    restarts: Sequence[str],
+    lasting: LastingKind,
 ) -> ParameterChart:
     times = tuple(max(time for time, _ in of_day) for of_day in days)
     values, std = (np.array(one) for one in zip(*map(_day_mean, days), strict=True))
@@ -244,20 +262,19 @@ def _chart(
         variance[later][:, None, None],
         np.full((len(days) - m, 1, 1), mean_variance),
         [first_after(times[m:], time) for time in restarts],
+        lasting,
     )
     # A point of the reference is part of its mean.
     of_reference = np.sqrt(np.maximum(variance[:m] - mean_variance, 1e-9 * variance[:m]))
-    shewhart, ewma = (
-        np.sqrt(wider_limit(chart_limit(run_length, weight, 1), 1, m - 1.0))
-        for weight in (1.0, EWMA_WEIGHT)
-    )
+    shewhart = wider_limit(chart_limit(run_length, 1.0, 1), 1, m - 1.0)
     newest = days[-1][-1][1]
     return ParameterChart(
         name, newest.unit, newest.meaning, times, values, std, m, mean,
         float(np.sqrt(mean_variance)), float(np.sqrt(tau2)),
         np.concatenate([(values[:m] - mean) / of_reference, shown.shewhart[:, 0]]),
-        np.concatenate([np.zeros(m), shown.ewma[:, 0]]),
-        float(shewhart), float(ewma),
+        np.concatenate([np.zeros(m), shown.lasting[:, 0]]),
+        float(np.sqrt(shewhart)), float(np.sqrt(lasting_limit(run_length, m - 1.0, lasting))),
+        lasting,
     )  # fmt: skip
 
 

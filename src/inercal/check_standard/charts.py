@@ -23,6 +23,7 @@ from inercal.uncertainty.control_charts import (
     ChartKind,
     ChartLimits,
     ChartValues,
+    LastingKind,
     chart_limits,
     chart_values,
 )
@@ -171,6 +172,7 @@ def control_charts(
     reference: int = REFERENCE_DAYS,
     run_length: float = RUN_LENGTH,
     restarts: Sequence[str] = (),
+    lasting: LastingKind = "EWMA",
 ) -> ControlCharts:
     """Return the control charts of a check standard.
 
@@ -184,6 +186,8 @@ def control_charts(
         In-control run length of all charts together, in days.
     restarts : sequence of str
         Times of corrective actions, ISO 8601: after them EWMA and MEWMA begin anew.
+    lasting : "EWMA" or "CUSUM"
+        Chart of small lasting changes of each coefficient.
 
     Raises
     ------
@@ -209,7 +213,7 @@ def control_charts(
     points = day_points(matched, fit, chosen, _widening(fit))
     dof = _degrees_of_freedom(fit, reference)
     joint = float(sum(one.similar * (one.effect.levels - 1) for one in fit.effects))
-    limits = chart_limits(run_length, dof, joint)
+    limits = chart_limits(run_length, dof, joint, lasting)
     later = slice(reference, None)
     begins = [max(sessions[k].measured for k in of_day) for of_day in points.sessions[later]]
     values = chart_values(
@@ -217,6 +221,7 @@ def control_charts(
         points.point[later],
         points.reference[later],
         [first_after(begins, time) for time in restarts],
+        lasting,
     )
     return ControlCharts(
         matched, fit, tuple(sessions), points, reference, limits, values,
@@ -260,9 +265,9 @@ def _check_points(
     for t, members in enumerate(days):
         beyond: dict[ChartKind, tuple[str, ...]] = {}
         for kind in KINDS:
-            at = np.atleast_1d(signals[kind][t])
+            at = np.atleast_1d(signals[kind][t]) if kind in signals else np.zeros(1)
             if at.any():
-                single = kind in ("Shewhart", "EWMA")
+                single = kind in ("Shewhart", limits.lasting_kind)
                 beyond[kind] = (
                     tuple(names[k] for k in np.flatnonzero(at).tolist()) if single else ()
                 )

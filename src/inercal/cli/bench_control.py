@@ -1,5 +1,6 @@
 """`inercal control --bench`: charts of a bench by the readbacks of its own runs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from inercal.cli.console import print_json
 if TYPE_CHECKING:
     from inercal.check_standard.bench_charts import BenchCharts
     from inercal.store import CalibrationEntry
+    from inercal.uncertainty.control_charts import LastingKind
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,9 @@ class ChartOptions:
 
     reference: int
     run_length: float
-    restarts: tuple[str, ...]
+    restarts: Sequence[str]
+    lasting: "LastingKind"
+    since: str
     out: Path | None
     force: bool
     json: bool
@@ -49,12 +53,18 @@ def run_bench_charts(
     with Register(register, create=False) as opened:
         register_files = list(opened.files)
         entries = calibrations_of_bench(opened.calibrations(), bench)
+    entries = [one for one in entries if one.measured >= options.since]
+    if not entries:
+        raise InputError(
+            f"--since {options.since}: no calibration on bench {bench} since then", key="--since"
+        )
     found = bench_charts(
         bench,
         [BenchRun(f"#{one.id}", one.measured, one.calibration.readbacks or ()) for one in entries],
         reference=options.reference,
         run_length=options.run_length,
         restarts=options.restarts,
+        lasting=options.lasting,
     )
     doubtful: list[CalibrationEntry] = [
         one for one in entries if any(e.holds(one.measured) for e in found.episodes)
@@ -87,7 +97,7 @@ def _print_charts(found: "BenchCharts") -> None:
 
     first, last = (day(found.runs[k].measured) for k in (0, -1))
     print_line(f"bench {found.bench}: {len(found.runs)} calibrations, {first} to {last}")
-    heads = number_columns(("largest z", "limit", "largest EWMA", "limit"))
+    heads = number_columns(("largest z", "limit", f"largest {found.lasting_kind}", "limit"))
     table = make_table("parameter", "meaning", *heads)
     for row in newest_statistics(found):
         add_row(table, *row)

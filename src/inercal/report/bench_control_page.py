@@ -12,7 +12,7 @@ from inercal.check_standard.bench_chart_texts import bench_lines, day_signals, n
 from inercal.check_standard.bench_charts import BenchCharts
 from inercal.check_standard.chart_texts import day
 from inercal.report import drawing
-from inercal.report.control_page import draw_dates, draw_points
+from inercal.report.control_page import LASTING_WORDS, draw_dates, draw_points
 from inercal.report.drawing import BAND, MUTED, PAPER, WARN, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
@@ -42,6 +42,7 @@ def page(found: BenchCharts, doubtful: Sequence[CalibrationEntry] = ()) -> str:
         summary=lines[0],
         lines=lines[1:],
         figure=_figure(found),
+        lasting=LASTING_WORDS[found.lasting_kind],
         parameters=[tuple(map(typeset_minus, row)) for row in newest_statistics(found)],
         signals=day_signals(found),
         doubtful=[(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in doubtful],
@@ -58,15 +59,15 @@ def _figure(found: BenchCharts) -> Markup:
         m = one.reference_days
         axes.axvspan(at[0], at[m - 1], color=BAND, lw=0)
         axes.plot(at[:m], one.shewhart[:m], "o", ms=2.6, mfc=PAPER, mec=MUTED, mew=0.8)
-        axes.plot(at[m:], one.ewma[m:], "-", color=Z, lw=1.1)
+        axes.plot(at[m:], one.lasting[m:], "-", color=Z, lw=1.1)
         beyond = np.array([bool(one.signals(k)) for k in range(m, len(at))], dtype=bool)
         draw_points(axes, at[m:], one.shewhart[m:], beyond)
         for sign in (-1, 1):
             axes.axhline(sign * one.shewhart_limit, color=WARN, lw=0.9, ls="--")
-            axes.axhline(sign * one.ewma_limit, color=Z, lw=0.7, ls=":")
+            axes.axhline(sign * one.lasting_limit, color=Z, lw=0.7, ls=":")
         axes.set_title(f"{one.name}, standard deviations")
         draw_dates(axes)
     for axes in panels[len(found.charts) :]:
         axes.set_axis_off()
     names = ", ".join(one.name for one in found.charts)
-    return svg(figure, "readbacks", f"Shewhart and EWMA charts of {names}")
+    return svg(figure, "readbacks", f"Shewhart and {found.lasting_kind} charts of {names}")

@@ -21,11 +21,17 @@ from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 from inercal.store import CalibrationEntry
-from inercal.uncertainty.control_charts import KINDS
+from inercal.uncertainty.control_charts import KINDS, LastingKind
 
 _HEIGHT, _LABEL_ROOM, _COLUMNS = 1.3, 0.4, 2
 _DAY = 86_400.0
 _FORMATS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S"]
+
+
+LASTING_WORDS: dict[LastingKind, tuple[str, str]] = {
+    "EWMA": ("EWMA", "its moving mean, the EWMA, in its own"),
+    "CUSUM": ("CUSUM", "the larger of its sums, the CUSUM"),
+}
 
 
 class _ChartFigure(NamedTuple):
@@ -49,6 +55,7 @@ def page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = Non
         reference=found.reference_days,
         until=day(found.reference_end),
         days=len(found.points),
+        lasting=LASTING_WORDS[found.limits.lasting_kind],
         tone="good" if not found.episodes else "care" if found.in_control else "bad",
         summary=lines[0],
         lines=lines[1:],
@@ -116,21 +123,21 @@ def _axis_figure(found: ControlCharts, places: list[int], name: str) -> Markup:
         of_days = found.days
         variance = of_days.point[:, k, k] + of_days.reference[:, k, k]
         first = (of_days.difference[:, k] / np.sqrt(variance))[:m]
-        z, ewma = found.values.shewhart[:, k], found.values.ewma[:, k]
-        limit, of_ewma = found.limits.shewhart[k] ** 0.5, found.limits.ewma[k] ** 0.5
+        z, lasting = found.values.shewhart[:, k], found.values.lasting[:, k]
+        limit, of_lasting = found.limits.shewhart[k] ** 0.5, found.limits.lasting[k] ** 0.5
         axes.axvspan(times[0], times[m - 1], color=BAND, lw=0)
         axes.plot(times[:m], first, "o", ms=2.6, mfc=PAPER, mec=MUTED, mew=0.8)
-        axes.plot(times[m:], ewma, "-", color=Z, lw=1.1)
-        draw_points(axes, times[m:], z, (np.abs(z) > limit) | (np.abs(ewma) > of_ewma))
+        axes.plot(times[m:], lasting, "-", color=Z, lw=1.1)
+        draw_points(axes, times[m:], z, (np.abs(z) > limit) | (np.abs(lasting) > of_lasting))
         for sign in (-1, 1):
             axes.axhline(sign * limit, color=WARN, lw=0.9, ls="--")
-            axes.axhline(sign * of_ewma, color=Z, lw=0.7, ls=":")
+            axes.axhline(sign * of_lasting, color=Z, lw=0.7, ls=":")
         axes.set_title(f"{found.names[k]}, standard deviations")
         draw_dates(axes)
     for axes in panels[len(places) :]:
         axes.set_axis_off()
     names = ", ".join(found.names[k] for k in places)
-    return svg(figure, name, f"Shewhart and EWMA charts of {names}")
+    return svg(figure, name, f"Shewhart and {found.limits.lasting_kind} charts of {names}")
 
 
 def draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
