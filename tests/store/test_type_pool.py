@@ -159,25 +159,29 @@ def _trend(rng: np.random.Generator, count: int, tau: float, q: float, b: float)
 
 
 @pytest.mark.parametrize(("tau", "q", "b"), [(1, 0, 0), (0.5, 0, 1), (0.5, 1, 0)])
+@pytest.mark.parametrize(("count", "least", "most"), [(2, 0.895, 1.0), (3, 0.895, 0.985)])
 @pytest.mark.slow
 def test_u_after_an_interval_covers_the_next_use_of_another_sensor(
-    seed: int, tau: float, q: float, b: float
+    seed: int, count: int, least: float, most: float, tau: float, q: float, b: float
 ):
-    """Eight sensors with three calibrations: 95.45 %, of a new one after one and four years."""
+    """Eight sensors of a type, to another one: 95.45 %, up to twice the interval that was seen.
+
+    With two calibrations each drift and scatter cannot be distinguished: U is larger.
+    """
     from inercal.store.type_pool import pooled_change
 
     rng = np.random.default_rng(seed)
-    types, ahead = 150, np.array([1.0, 4.0])
-    covered = np.zeros(2)
+    types, ahead = 150, np.array([0.5, 1.0, 2.0])
+    covered = np.zeros(3)
     for _ in range(types):
-        found = pooled_change([_trend(rng, 3, tau, q, b) for _ in range(8)])
+        found = pooled_change([_trend(rng, count, tau, q, b) for _ in range(8)])
         for k, years in enumerate(ahead):
             u = found.expanded_after(1.0, 0.0, years)
             sd = np.sqrt(2 * tau**2 + 1 + q * years + b**2 * years**2)
             error = sd * rng.standard_normal(400)
             covered[k] += np.mean(np.abs(error) <= u)
-    assert (covered / types > 0.915).all()
-    assert (covered / types < 0.985).all()
+    assert (covered / types > least).all()
+    assert (covered / types < most).all()
 
 
 def test_a_pool_of_none_is_none(address: str):

@@ -35,7 +35,7 @@ from inercal.pipeline.calibration_record import (
     validity,
 )
 from inercal.pipeline.correction import apply, load_recording
-from inercal.pipeline.qualified_errors import qualification_conditions
+from inercal.pipeline.qualified_errors import qualification_conditions, uncounted_notes
 from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
 from inercal.pipeline.stated_values import (
@@ -281,6 +281,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
             *constant_notes(bench, assumed),
+            *uncounted_notes(run, estimate, expected),
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),

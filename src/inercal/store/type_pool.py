@@ -12,8 +12,10 @@ calibration with its own variance s² the coefficient of another sensor of the t
 
     U²(Δt) = t_ν² (2τ² + s² + q Δt) + t_m² σ_b² Δt² + 4 u_B²
 
-with ν = Σ (k_s − 1) over sensors and like axes, and m the number of these. A coefficient whose
-sensors alone give a larger U(Δt) than all like axes takes its own variances, with the same ν and m.
+with ν = Σ (k_s − 1) over sensors and like axes, and m the number of these. Where no sensor has
+three calibrations, scatter and drift cannot be distinguished: the larger U(Δt) by scatter alone and
+by drift alone is taken. A coefficient whose sensors alone give a larger U(Δt) than all like axes
+takes its own variances, with the same ν and m.
 """
 
 from collections.abc import Sequence
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 
 MOST_SENSORS = 50
 """How many sensors of a type are read at most: those calibrated last."""
+_ALL = (0, 1, 2)  # of `ChangeVariances`
+_ALONE = ((0,), (2,))
 _LEAST_P = 0.01  # that a sensor is of its type
 
 
@@ -203,9 +207,10 @@ def pool_of_histories(
 
 def pooled_change(found: Sequence[CoefficientTrend]) -> PooledChange:
     """Return how coefficients change that have the same variances, with two values or more each."""
+    parts = (_ALL,) if max(len(one.shared) for one in found) > 2 else _ALONE
     return PooledChange(
         len(found),
-        (_variances(found),),
+        tuple(_variances(found, one) for one in parts),
         float(sum(len(one.shared) - 1 for one in found)),
         float(len(found)),
         max(map(_rate, found)),
@@ -256,15 +261,16 @@ def _block(trend: CoefficientTrend, unit: float, span: float) -> MeasurementBloc
     )
 
 
-def _variances(found: Sequence[CoefficientTrend]) -> ChangeVariances:
-    """Return the variances that trends have in common."""
+def _variances(found: Sequence[CoefficientTrend], parts: tuple[int, ...]) -> ChangeVariances:
+    """Return the variances that trends have in common; 0 but for chosen parts."""
     newest = [(one.values[-len(one.shared) :], one.std[-len(one.shared) :]) for one in found]
     within = np.mean([np.var(values, ddof=1) for values, _ in newest])
     unit = float(np.sqrt(within + np.mean([np.mean(std**2) for _, std in newest])))
     span = max(float(np.ptp(one.time[-len(one.shared) :])) for one in found)
     blocks = [_block(one, unit, span) for one in found]
-    start = np.full(3, 0.2 * float(within) / unit**2)
-    tau2, walk, slope = pooled_variances(blocks, start).variance
+    blocks = [one._replace(factors=[one.factors[k] for k in parts]) for one in blocks]
+    start = np.full(len(parts), 0.2 * float(within) / unit**2)
+    tau2, walk, slope = np.bincount(parts, pooled_variances(blocks, start).variance, minlength=3)
     square = unit**2
     return ChangeVariances(
         square * float(tau2), square * float(walk) / span, square * float(slope) / span**2
