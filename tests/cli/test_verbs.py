@@ -27,6 +27,7 @@ DOCUMENTED = {
     "mount",
     "conditions",
     "provenance",
+    "readbacks",
     "notes",
     "verdict",
     "shared",

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from inercal.calibration import Calibration
+    from inercal.comparison import Comparison
+    from inercal.comparison.run_to_run import RunToRun
     from inercal.store import NoiseEntry, Register, SensorEntry
 
 NAME = "store"
@@ -193,6 +195,13 @@ def _print_noise_alone(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", *, 
 def diff(
     first: Annotated[str, typer.Argument(help="The number of a calibration, or a file.")],
     second: Annotated[str, typer.Argument(help="The later one.")],
+    repeatability: Annotated[
+        Path | None,
+        typer.Option(
+            help="A result of inercal repeat, for the ordinary scatter of runs; else it is that of "
+            "the sensor's other calibrations in the register."
+        ),
+    ] = None,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
@@ -206,11 +215,35 @@ def diff(
         compared = compare(*both)
     except InputError as error:
         raise error.located(f"{first} and {second}") from None
+    ordinary = _run_to_run(compared, (first, second), repeatability, register)
     names = first, second
     if json:
-        print_json(comparison_object(compared, names))
+        print_json(comparison_object(compared, names, ordinary))
     else:
-        print_comparison(compared, names)
+        print_comparison(compared, names, ordinary)
+
+
+def _run_to_run(
+    compared: "Comparison", given: tuple[str, str], file: Path | None, register: str | None
+) -> "RunToRun | None":
+    """Return a comparison against the scatter of a file, or of the register; None of too few."""
+    from inercal.comparison.run_to_run import against_scatter, scatter_of_file
+    from inercal.store import Register
+    from inercal.store.run_scatter import run_scatter
+
+    if file is not None:
+        return against_scatter(compared, scatter_of_file(file, compared))
+    numbers = [number for one in given if (number := _parse_number(one)) is not None]
+    sensors = {one.sensor.name for one in (compared.first, compared.second)}
+    if not numbers or len(sensors) > 1:
+        return None
+    with Register(register, create=False) as opened:
+        history = opened.history(opened.calibration(numbers[-1]).sensor)
+    newest, terms = history.calibrations[-1], compared.second
+    if (newest.frame, newest.sensor.form) != (terms.frame, terms.sensor.form):
+        return None
+    scatter = run_scatter(history, numbers)
+    return None if scatter is None else against_scatter(compared, scatter)
 
 
 @app.command("import")
