@@ -1,4 +1,4 @@
-"""Charts of a bench by what its own runs show of it: from readbacks whose truth is known."""
+"""Charts of a bench by what its own runs show of it: from estimates whose truth is known."""
 
 import json
 from dataclasses import replace
@@ -11,7 +11,7 @@ from tests.program import run_program
 from tests.refusals import refused
 from tests.store.calibration_generator import IMU, Truth, content, hashed, write
 
-from inercal.calibration.readbacks import BenchReadback
+from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.check_standard.bench_charts import BenchRun, bench_charts
 from inercal.errors import InputError
 from inercal.store import Register
@@ -30,15 +30,15 @@ def runs(
         radius = 1.0 + moved + SCATTER * rng.standard_normal()
         for k in range(each):
             parts = (
-                _readback("radius", "m", radius + OWN * rng.standard_normal(), OWN),
-                _readback("lean1", "rad", 1e-5 + 1e-6 * rng.standard_normal(), 1e-6),
+                _bench_estimate("radius", "m", radius + OWN * rng.standard_normal(), OWN),
+                _bench_estimate("lean1", "rad", 1e-5 + 1e-6 * rng.standard_normal(), 1e-6),
             )
             found.append(BenchRun(f"#{len(found)}", f"{day(number)}T{8 + k:02d}:00:00", parts))
     return found
 
 
-def _readback(name: str, unit: str, value: float, own: float) -> BenchReadback:
-    return BenchReadback(name, unit, name, value, 2 * own, own, value, 10 * own)
+def _bench_estimate(name: str, unit: str, value: float, own: float) -> BenchEstimate:
+    return BenchEstimate(name, unit, name, value, 2 * own, own, value, 10 * own)
 
 
 def test_a_step_of_the_radius_is_found_and_the_bench_is_doubtful_around_it():
@@ -87,7 +87,9 @@ def test_a_new_reference_begins_since_a_day_and_a_cusum_finds_a_small_step():
 def test_a_parameter_with_fewer_days_than_the_reference_is_named():
     given = runs(np.random.default_rng(2), 30)
     late = [
-        replace(one, readbacks=(*one.readbacks, _readback("g", "m/s²", 9.81, 1e-5)))
+        replace(
+            one, bench_estimates=(*one.bench_estimates, _bench_estimate("g", "m/s²", 9.81, 1e-5))
+        )
         if k >= 20
         else one
         for k, one in enumerate(given)
@@ -101,8 +103,8 @@ def test_a_parameter_with_fewer_days_than_the_reference_is_named():
 def test_runs_that_show_nothing_and_too_few_days_are_refused():
     given = runs(np.random.default_rng(2), 12)
     with refused(InputError) as refusal:
-        bench_charts("arm", [replace(one, readbacks=()) for one in given])
-    assert "states readbacks" in str(refusal.value)
+        bench_charts("arm", [replace(one, bench_estimates=()) for one in given])
+    assert "states bench estimates" in str(refusal.value)
     for reference in (20, 3):
         with refused(InputError, key="--reference"):
             bench_charts("arm", given, reference=reference)
@@ -115,9 +117,13 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     rng = np.random.default_rng(5)
     files: list[Path] = []
     for k, run in enumerate(runs(rng, 14, step=3e-5, since=12)):
-        readbacks = [vars(one) for one in run.readbacks]
+        bench_estimates = [vars(one) for one in run.bench_estimates]
         made = content(
-            Truth(f"IMU-{k % 3}", IMU, {}, {}), 0.0, rng, "centrifuge_norm", readbacks=readbacks
+            Truth(f"IMU-{k % 3}", IMU, {}, {}),
+            0.0,
+            rng,
+            "centrifuge_norm",
+            bench_estimates=bench_estimates,
         )
         made["conditions"]["bench"] = "arm 1"
         made["provenance"] |= {"created": run.measured, "recording sha256": f"{k:064x}"}
@@ -150,7 +156,7 @@ def test_the_verb_charts_a_bench_of_the_register(address: str, tmp_path: Path):
         (("--bench", "arm 9"), "no calibration on it in the register; it has 'arm 1'"),
         (("--bench", "arm 1", "--sensor", "IMU-0"), "in one way"),
         (("--bench", "arm 1", "--same", "day"), "--same"),
-        (("--bench", "arm 1"), "14 days with readbacks"),
+        (("--bench", "arm 1"), "14 days with bench estimates"),
         (("--bench", "arm 1", "--since", "2027-01-01"), "--since 2027-01-01"),
         (("--bench", "arm 1", "--since", "then"), "--since 'then'"),
     ],

@@ -27,7 +27,7 @@ DOCUMENTED = {
     "mount",
     "conditions",
     "provenance",
-    "readbacks",
+    "bench_estimates",
     "notes",
     "verdict",
     "shared",

@@ -129,5 +129,5 @@ CASES: dict[str, Callable[[Path], object]] = {
     "qualification that was withdrawn": withdrawn_and_used,
     "two of one date": successive,
     "bench without calibrations": bench_of_the_register,
-    "bench without readbacks": lambda _: bench_charts("arm 1", []),
+    "bench without estimates": lambda _: bench_charts("arm 1", []),
 }

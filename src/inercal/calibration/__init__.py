@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.forms import (
     ConvertedCoefficients,
     Frame,
@@ -15,7 +16,6 @@ from inercal.calibration.forms import (
     ieee1293,
 )
 from inercal.calibration.grade import Verdict
-from inercal.calibration.readbacks import BenchReadback
 from inercal.calibration.shared_errors import SharedError, SharedErrors, transform_shared
 from inercal.calibration.validity import Validity
 from inercal.errors import InputError
@@ -62,7 +62,7 @@ class Calibration:
         Order of the calibration and its laboratory, in words ([job] of the run file).
     conformity : Conformity or None
         Of the coefficients with their limits; None where none are stated.
-    readbacks : tuple of BenchReadback or None
+    bench_estimates : tuple of BenchEstimate or None
         What the run itself shows of its bench; None where a file does not state it.
 
     Raises
@@ -86,7 +86,7 @@ class Calibration:
     validity: Validity | None = None
     job: Mapping[str, str] = field(default_factory=dict[str, str])
     conformity: "Conformity | None" = None
-    readbacks: tuple[BenchReadback, ...] | None = None
+    bench_estimates: tuple[BenchEstimate, ...] | None = None
 
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)

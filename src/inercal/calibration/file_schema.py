@@ -113,7 +113,7 @@ class _SharedError(_Strict):
     covariance: list[_Number]
 
 
-class _Readback(_Strict):
+class _BenchEstimate(_Strict):
     name: _Text
     unit: _Text
     meaning: _Text
@@ -160,7 +160,7 @@ class _File(_Strict):
     validity: dict[Literal["rate", "force", "temperature"], _Range] | None = None
     job: _Texts = {}
     conformity: _Conformity | None = None
-    readbacks: list[_Readback] | None = None
+    bench_estimates: list[_BenchEstimate] | None = None
 
 
 def require_valid(content: dict[str, Any]) -> None:

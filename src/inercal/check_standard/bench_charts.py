@@ -1,9 +1,9 @@
-"""Control charts of a bench by the readbacks of its own runs, without a check standard.
+"""Control charts of a bench by the estimates of its own runs, without a check standard.
 
-Each parameter that runs show (`inercal.calibration.readbacks`) has a Shewhart and an EWMA or CUSUM
-chart of its own, for runs of other methods show other parameters. Of a day's runs the weighted mean
-is a point, with own variance s² and the scatter τ² from day to day of the reference, the first m
-days that have the parameter::
+Each parameter that runs show (`inercal.calibration.bench_estimates`) has a Shewhart and an EWMA or
+CUSUM chart of its own, for runs of other methods show other parameters. Of a day's runs the
+weighted mean is a point, with own variance s² and the scatter τ² from day to day of the reference,
+the first m days that have the parameter::
 
     z = (q' − μ)/√(τ² + s² + u²(μ)),   μ = Σ w q'/Σ w,   w = 1/(τ² + s²),   u²(μ) = 1/Σ w
 
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.calibration.readbacks import BenchReadback
+from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.check_standard.charts import (
     LEAST_DAYS,
     REFERENCE_DAYS,
@@ -44,11 +44,11 @@ _KINDS = 2  # Shewhart, and EWMA or CUSUM
 
 @dataclass(frozen=True)
 class BenchRun:
-    """The readbacks of a run: its label, when it was measured, ISO 8601, and its day."""
+    """The bench estimates of a run: its label, when it was measured, ISO 8601, and its day."""
 
     label: str
     measured: str
-    readbacks: tuple[BenchReadback, ...]
+    bench_estimates: tuple[BenchEstimate, ...]
 
     @property
     def day(self) -> str:
@@ -66,7 +66,7 @@ class ParameterChart:
     days : tuple of str
         When the last run of each day was measured, ISO 8601.
     values, std : (n,) arrays
-        Readback of each day, and its own standard uncertainty.
+        Bench estimate of each day, and its own standard uncertainty.
     reference_days : int
         m.
     mean, mean_std, scatter : float
@@ -208,11 +208,11 @@ def bench_charts(
         No parameter has the days of a reference, or a setting that is not possible.
     """
     require_settings(reference, run_length)
-    names = list(dict.fromkeys(one.name for run in runs for one in run.readbacks))
+    names = list(dict.fromkeys(one.name for run in runs for one in run.bench_estimates))
     if not names:
         raise InputError(
-            f"bench {bench}: none of {len(runs)} calibrations states readbacks; its data show no "
-            "parameter of the bench, or the files are older: calibrate again",
+            f"bench {bench}: none of {len(runs)} calibrations states bench estimates; its "
+            "data show no parameter of the bench, or the files are older: calibrate again",
             names=(bench,),
         )
     days = {name: _days_of(name, runs) for name in names}
@@ -221,8 +221,8 @@ def bench_charts(
     if not enough:
         most = max(too_few.values())
         raise InputError(
-            f"bench {bench}: {most} day{'s' * (most > 1)} with readbacks, and the reference takes "
-            f"{reference}: give a shorter --reference, {LEAST_DAYS} at least",
+            f"bench {bench}: {most} day{'s' * (most > 1)} with bench estimates, and the reference "
+            f"takes {reference}: give a shorter --reference, {LEAST_DAYS} at least",
             key="--reference",
         )
     single = run_length * _KINDS * len(enough)
@@ -232,13 +232,13 @@ def bench_charts(
     return BenchCharts(bench, tuple(runs), charts, too_few, run_length)
 
 
-_Day = list[tuple[str, BenchReadback]]
+_Day = list[tuple[str, BenchEstimate]]
 
 
 def _days_of(name: str, runs: Sequence[BenchRun]) -> list[_Day]:
     found: dict[str, _Day] = {}
     for run in runs:
-        for one in run.readbacks:
+        for one in run.bench_estimates:
             if one.name == name:
                 found.setdefault(run.day, []).append((run.measured, one))
     return [found[day] for day in sorted(found)]

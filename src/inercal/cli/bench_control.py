@@ -1,4 +1,4 @@
-"""`inercal control --bench`: charts of a bench by the readbacks of its own runs."""
+"""`inercal control --bench`: charts of a bench by the estimates of its own runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ def run_bench_charts(
     Raises
     ------
     InputError
-        No such bench, or too few days with readbacks.
+        No such bench, or too few days with bench estimates.
     """
     from inercal.check_standard.bench_chart_texts import as_object, to_text
     from inercal.check_standard.bench_charts import BenchRun, bench_charts
@@ -60,7 +60,10 @@ def run_bench_charts(
         )
     found = bench_charts(
         bench,
-        [BenchRun(f"#{one.id}", one.measured, one.calibration.readbacks or ()) for one in entries],
+        [
+            BenchRun(f"#{one.id}", one.measured, one.calibration.bench_estimates or ())
+            for one in entries
+        ],
         reference=options.reference,
         run_length=options.run_length,
         restarts=options.restarts,

@@ -65,9 +65,9 @@ def run(
     begin = "" if since is None else _day(since, "--since")
     if bench is not None:
         from inercal.cli.bench_control import ChartOptions, run_bench_charts
-        from inercal.cli.session_inputs import require_one_way
+        from inercal.cli.session_inputs import require_single_source
 
-        require_one_way(files, table, sensor, bench)
+        require_single_source(files, table, sensor, bench)
         options = ChartOptions(
             reference, run_length, days, lasting.value, begin, out, force=force, json=json
         )

@@ -9,8 +9,7 @@ from inercal.cli.terminal import terminal
 from inercal.errors import InputError
 from inercal.store.recalibration import Recalibration
 from inercal.store.recalibration_text import (
-    hours_text,
-    interval_text,
+    interval_table,
     limit_text,
     recalibration_lines,
 )
@@ -19,15 +18,10 @@ from inercal.store.recalibration_text import (
 def print_recalibration(found: Recalibration) -> None:
     """Print the intervals of each coefficient in days, and the next date."""
     if found.rows:
-        heads = number_columns(
-            ("prediction, days", "chart", "staircase", "time in use, hours", "sensors")
-        )
-        table = make_table("coefficient", "limit", *heads)
-        for one in found.rows:
-            days = map(interval_text, (one.prediction, one.chart, one.staircase))
-            pooled = str(one.sensors or "")
-            cells = (limit_text(found, one), *days, hours_text(one.hours), pooled)
-            add_row(table, one.name, *cells)
+        heads, cells = interval_table(found)
+        table = make_table("coefficient", "limit", *number_columns(heads))
+        for one, row in zip(found.rows, cells, strict=True):
+            add_row(table, one.name, limit_text(found, one), *row)
         terminal().print(table)
     for line in recalibration_lines(found):
         print_line(line)

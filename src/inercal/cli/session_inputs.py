@@ -43,7 +43,7 @@ def read_sessions(
     """
     from inercal.errors import InputError
 
-    require_one_way(files, table, sensor)
+    require_single_source(files, table, sensor)
     if register is not None and sensor is None:
         raise InputError("--register: name the sensor by --sensor", key="--register")
     if table is not None:
@@ -53,7 +53,7 @@ def read_sessions(
     return _of_files(files or [], same), files or []
 
 
-def require_one_way(*ways: object) -> None:
+def require_single_source(*ways: object) -> None:
     """Refuse sessions that are given in no way, or in several.
 
     Raises

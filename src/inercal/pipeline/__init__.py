@@ -28,7 +28,7 @@ from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.pipeline.calibration_record import (
-    bench_readbacks,
+    bench_estimates,
     provenance,
     run_conditions,
     shared_errors,
@@ -309,7 +309,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         conformity=None
         if run.specification is None
         else run.specification.judge(sensor.coefficients, value, covariance),
-        readbacks=bench_readbacks(estimate, expected, p),
+        bench_estimates=bench_estimates(estimate, expected, p),
     )
     return Outcome(
         calibration,

@@ -20,7 +20,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.calibration import SharedError, Validity
-from inercal.calibration.readbacks import BenchReadback
+from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.simulated import SIMULATED
 from inercal.calibration.validity import Range
 from inercal.data import EstimatorInput
@@ -35,7 +35,7 @@ from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
 _LEAST_KNOWN = 0.1  # of the stated variance, that the data take away
-_LEAST_OWN = 1e-4  # of a readback's variance, where runs share all of it
+_LEAST_OWN = 1e-4  # of the variance of a bench estimate, where runs share all of it
 _GRAVITY = "g"  # the parameter of each bench
 _BLOCK = 1 << 16  # samples
 KEPT_CORRECTIONS = "corrections that the readings hold"
@@ -182,9 +182,9 @@ def shared_errors(
     return tuple(shared)
 
 
-def bench_readbacks(
+def bench_estimates(
     estimate: Estimate, expected: Mapping[str, Parameter], count: int
-) -> tuple[BenchReadback, ...]:
+) -> tuple[BenchEstimate, ...]:
     """Return what the data themselves show of the bench's parameters of the run.
 
     Parameters
@@ -197,7 +197,7 @@ def bench_readbacks(
 
     Returns
     -------
-    tuple of BenchReadback
+    tuple of BenchEstimate
         Without parameters of which the data know less than a third of what was stated, and those
         whose stated values are correlated.
     """
@@ -207,7 +207,7 @@ def bench_readbacks(
         if k >= count and name in expected and expected[name].scope == "run"
         and expected[name].sd > 0 and name not in estimate.joint_priors
     }  # fmt: skip
-    found: list[BenchReadback] = []
+    found: list[BenchEstimate] = []
     covariance, birge = estimate.covariance, float(estimate.birge)
     for name, (k, q) in known.items():
         left = q.sd**2 - float(covariance[k, k])
@@ -218,7 +218,7 @@ def bench_readbacks(
         variance = float(column[k])
         off = float(estimate.value[k]) - q.value
         found.append(
-            BenchReadback(
+            BenchEstimate(
                 name, q.unit, q.meaning,
                 q.value + off * q.sd**2 / left,
                 birge * variance**0.5,

@@ -1,4 +1,4 @@
-"""The page of the control charts of a bench, by the readbacks of its own runs."""
+"""The page of the control charts of a bench, by the estimates of its own runs."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -70,4 +70,4 @@ def _figure(found: BenchCharts) -> Markup:
     for axes in panels[len(found.charts) :]:
         axes.set_axis_off()
     names = ", ".join(one.name for one in found.charts)
-    return svg(figure, "readbacks", f"Shewhart and {found.lasting_kind} charts of {names}")
+    return svg(figure, "parameters", f"Shewhart and {found.lasting_kind} charts of {names}")

@@ -6,8 +6,7 @@ from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 from inercal.store.recalibration import Recalibration
 from inercal.store.recalibration_text import (
-    hours_text,
-    interval_text,
+    interval_table,
     limit_text,
     recalibration_lines,
 )
@@ -15,15 +14,10 @@ from inercal.store.recalibration_text import (
 
 def recalibration_section(found: Recalibration) -> Markup:
     """Return the table of intervals and what follows from it, HTML."""
+    heads, cells = interval_table(found)
     rows = [
-        (
-            one.name,
-            typeset_minus(limit_text(found, one)),
-            *map(interval_text, (one.prediction, one.chart, one.staircase)),
-            hours_text(one.hours),
-            str(one.sensors or ""),
-        )
-        for one in found.rows
+        (one.name, typeset_minus(limit_text(found, one)), *row)
+        for one, row in zip(found.rows, cells, strict=True)
     ]
     lines = [f"{line[0].upper()}{line[1:]}." for line in recalibration_lines(found)]
-    return Markup(render("recalibration.html", rows=rows, lines=lines))
+    return Markup(render("recalibration.html", heads=heads, rows=rows, lines=lines))

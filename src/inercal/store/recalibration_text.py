@@ -23,6 +23,23 @@ def limit_text(found: Recalibration, one: CoefficientInterval) -> str:
     return f"{' to '.join(ends).strip()} {trend.unit}"
 
 
+def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return heads and cells of the intervals of each coefficient, after its name and limit."""
+    heads = ["prediction, days", "chart", "staircase"]
+    columns = [
+        [interval_text(one.prediction) for one in found.rows],
+        [interval_text(one.chart) for one in found.rows],
+        [interval_text(one.staircase) for one in found.rows],
+    ]
+    if any(one.hours is not None for one in found.rows):
+        heads.append("time in use, hours")
+        columns.append([hours_text(one.hours) for one in found.rows])
+    if found.pool is not None:
+        heads.append("pooled sensors")
+        columns.append([str(one.sensors or "") for one in found.rows])
+    return tuple(heads), list(zip(*columns, strict=True))
+
+
 def hours_text(hours: float | None) -> str:
     """Return operating hours; empty where there are none."""
     return "" if hours is None else f"{hours:.0f}"

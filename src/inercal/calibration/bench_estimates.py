@@ -1,7 +1,7 @@
-"""Readbacks of a bench: what a run itself shows of a parameter of its bench.
+"""Bench estimates: what a run itself shows of a parameter of its bench.
 
 An estimate has the stated value q₀ ± u_q of a parameter q as a prior. Where the data determine q,
-too, the estimate without that prior is the run's own readback::
+too, the estimate without that prior is the run's own::
 
     q' = q̂ + P_qq (q̂ − q₀)/(u_q² − P_qq),   P' = P + P_q P_qᵀ/(u_q² − P_qq)
 
@@ -18,7 +18,7 @@ from inercal.errors import InputError
 
 
 @dataclass(frozen=True)
-class BenchReadback:
+class BenchEstimate:
     """A parameter of the bench by the data of one run alone, SI.
 
     Parameters
@@ -53,6 +53,6 @@ class BenchReadback:
         positive = min(self.std, self.own_std, self.stated_std) > 0
         if not (np.isfinite(numbers).all() and positive):
             raise InputError(
-                f"readback {self.name}: numbers must be finite, and deviations positive",
+                f"bench estimate {self.name}: numbers must be finite, and deviations positive",
                 names=(self.name,),
             )
