@@ -12,7 +12,7 @@ from tests.refusals import refused
 from tests.store.calibration_generator import IMU, Truth, content, hashed, write
 
 from inercal.calibration.bench_estimates import BenchEstimate
-from inercal.check_standard.bench_charts import BenchRun, bench_charts
+from inercal.check_standard.bench_charts import ChartedRun, bench_charts
 from inercal.errors import InputError
 from inercal.store import Register
 
@@ -22,9 +22,9 @@ SCATTER, OWN = 3e-6, 2e-6  # m, of the radius from day to day and by a run's noi
 def runs(
     rng: np.random.Generator, days: int, *, each: int = 1, step: float = 0.0, since: int = 10**9,
     until: int = 10**9,
-) -> list[BenchRun]:  # fmt: skip
+) -> list[ChartedRun]:  # fmt: skip
     """Return runs whose radius is `step` larger from a day on; each tells the lean, too."""
-    found: list[BenchRun] = []
+    found: list[ChartedRun] = []
     for number in range(days):
         moved = step if since <= number < until else 0.0
         radius = 1.0 + moved + SCATTER * rng.standard_normal()
@@ -33,7 +33,7 @@ def runs(
                 _bench_estimate("radius", "m", radius + OWN * rng.standard_normal(), OWN),
                 _bench_estimate("lean1", "rad", 1e-5 + 1e-6 * rng.standard_normal(), 1e-6),
             )
-            found.append(BenchRun(f"#{len(found)}", f"{day(number)}T{8 + k:02d}:00:00", parts))
+            found.append(ChartedRun(f"#{len(found)}", f"{day(number)}T{8 + k:02d}:00:00", parts))
     return found
 
 

@@ -43,7 +43,7 @@ _KINDS = 2  # Shewhart, and EWMA or CUSUM
 
 
 @dataclass(frozen=True)
-class BenchRun:
+class ChartedRun:
     """The bench estimates of a run: its label, when it was measured, ISO 8601, and its day."""
 
     label: str
@@ -125,7 +125,7 @@ class BenchCharts:
     Parameters
     ----------
     bench : str
-    runs : tuple of BenchRun
+    runs : tuple of ChartedRun
     charts : tuple of ParameterChart
     too_few : mapping of str to int
         Days of the parameters that have fewer than the reference.
@@ -134,7 +134,7 @@ class BenchCharts:
     """
 
     bench: str
-    runs: tuple[BenchRun, ...]
+    runs: tuple[ChartedRun, ...]
     charts: tuple[ParameterChart, ...]
     too_few: dict[str, int]
     run_length: float
@@ -178,7 +178,7 @@ class BenchCharts:
 
 def bench_charts(
     bench: str,
-    runs: Sequence[BenchRun],
+    runs: Sequence[ChartedRun],
     *,
     reference: int = REFERENCE_DAYS,
     run_length: float = RUN_LENGTH,
@@ -191,7 +191,7 @@ def bench_charts(
     ----------
     bench : str
         As printed.
-    runs : sequence of BenchRun
+    runs : sequence of ChartedRun
         In the order of time.
     reference : int
         How many days are the reference of each parameter.
@@ -235,7 +235,7 @@ def bench_charts(
 _Day = list[tuple[str, BenchEstimate]]
 
 
-def _days_of(name: str, runs: Sequence[BenchRun]) -> list[_Day]:
+def _days_of(name: str, runs: Sequence[ChartedRun]) -> list[_Day]:
     found: dict[str, _Day] = {}
     for run in runs:
         for one in run.bench_estimates:

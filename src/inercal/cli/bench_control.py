@@ -38,7 +38,7 @@ def run_bench_charts(
         No such bench, or too few days with bench estimates.
     """
     from inercal.check_standard.bench_chart_texts import as_object, to_text
-    from inercal.check_standard.bench_charts import BenchRun, bench_charts
+    from inercal.check_standard.bench_charts import ChartedRun, bench_charts
     from inercal.cli.control_view import doubtful_object, print_doubtful
     from inercal.cli.outputs import CONTROL, PAGE, check_outputs
     from inercal.errors import InputError
@@ -61,7 +61,7 @@ def run_bench_charts(
     found = bench_charts(
         bench,
         [
-            BenchRun(f"#{one.id}", one.measured, one.calibration.bench_estimates or ())
+            ChartedRun(f"#{one.id}", one.measured, one.calibration.bench_estimates or ())
             for one in entries
         ],
         reference=options.reference,
