@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 
 from inercal.comparison import build_comparison
-from inercal.comparison.courses import compare_courses
+from inercal.comparison.courses import fit_course
 from inercal.comparison.run_to_run import RunScatter, RunToRun, against_scatter
 from inercal.store.history import CoefficientTrend, SensorHistory
 
@@ -54,13 +54,13 @@ def _scatter(trend: CoefficientTrend, kept: Collection[int]) -> tuple[float, flo
     if len(places) < LEAST:
         return None
     at = [k - first for k in places]
-    courses = compare_courses(
-        trend.time[places],
+    time = trend.time[places]
+    drifts = trend.courses is not None and trend.courses.drifts and np.ptp(time) > 0
+    course = fit_course(
+        time,
         trend.values[places],
         trend.independent_variance[at],
         trend.shared[np.ix_(at, at)],
+        slope=bool(drifts),
     )
-    if courses is None:
-        return None
-    course = courses.line if courses.drifts else courses.level
     return course.tau**2, float(course.dof)
