@@ -1,5 +1,6 @@
 """Charts of a check standard over simulated laboratories: what signals, and since when."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -92,6 +93,20 @@ def test_sessions_that_state_nothing_shared_are_charted_and_named():
     found = control_charts(checked_sessions(Laboratory(), 30, rng, stated=False))
     assert found.in_control
     assert any("do not state" in line for line in control_lines(found))
+
+
+def test_a_cusum_in_place_of_the_ewma_finds_a_small_lasting_change(tmp_path: Path):
+    rng = np.random.default_rng(2)
+    sessions = checked_sessions(Laboratory(), 80, rng, shift=0.4 * STEP, shifted=(30, 10**9))
+    found = control_charts(sessions, reference=30, lasting="CUSUM")
+    signals = [one.signals for one in found.points]
+    assert any("ax.k0" in one.get("CUSUM", ()) for one in signals)
+    assert not any("EWMA" in one for one in signals)
+    assert all(name == "ax.k0" for one in signals for name in one.get("CUSUM", ()))
+    stored = json.loads(to_text(found))
+    assert stored["lasting"] == "CUSUM"
+    k = NAMES.index("ax.k0")
+    assert stored["points"][-1]["cusum"][k] > stored["coefficients"][k]["cusum_limit"]
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ DOCUMENTED = {
     "mount",
     "conditions",
     "provenance",
+    "bench_estimates",
     "notes",
     "verdict",
     "shared",

@@ -109,18 +109,18 @@ def test_slope_and_next_year_of_five_years_are_covered(
 def test_a_random_walk_is_seldom_called_a_drift(seed: int):
     """By 2u of a Birge line it is called so in 41 % of five years, and in 57 % of ten."""
     rng = np.random.default_rng(seed)
-    for size, most in ((5, 0.28), (10, 0.36)):
+    for size, most in ((5, 0.13), (10, 0.14)):
         time, called = np.arange(float(size)), 0
         for _ in range(TRIALS // 2):
             walk = np.cumsum(rng.standard_normal(size)) + 0.5 * rng.standard_normal(size)
             called += courses(time, walk, np.full(size, 0.25)).drifts
         assert called / (TRIALS // 2) < most
-    # A drift of one standard deviation a year is found all the same.
+    # A drift of one standard deviation a year is found all the same, 90 % of ten years.
     found = [
         courses(time, time + rng.standard_normal(10), np.ones(10)).drifts
         for _ in range(TRIALS // 4)
     ]
-    assert np.mean(found) > 0.95
+    assert np.mean(found) > 0.8
 
 
 def test_four_calibrations_show_no_drift_however_steep():

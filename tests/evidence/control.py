@@ -17,6 +17,7 @@ from tests.evidence import stored_counts
 from tests.repeatability.laboratory import MICRO, NAMES, Laboratory
 
 from inercal.check_standard import control_charts
+from inercal.uncertainty.cusum import cusum_limit
 from inercal.uncertainty.run_lengths import chart_limit, wider_limit
 
 SEEDS, RUNS = (1, 2, 3), 9_000
@@ -24,9 +25,11 @@ LABORATORIES = 20  # one of so many runs
 PAGE = stored_counts.FOLDER / "control.md"
 SHIFTS = (0.0, 0.5, 1.0, 2.0)
 LENGTH = 370.4
+CUSUM, ALLOWANCE = "CUSUM, k = 0.5", 0.5
 CHARTS = {
     "Shewhart": (1, 1.0),
     "EWMA, λ = 0.2": (1, 0.2),
+    CUSUM: (1, 0.0),
     "T², p = 12": (12, 1.0),
     "MEWMA, λ = 0.1, p = 12": (12, 0.1),
     "MEWMA, λ = 0.1, p = 24": (24, 0.1),
@@ -50,6 +53,8 @@ with the standard deviation of the mean.
 | chart | limit | {shifts} |
 |---|--:|--:|--:|--:|--:|
 {known}
+
+CUSUM takes the place of EWMA by `--lasting CUSUM`.
 
 ## A reference of m sessions, one coefficient
 
@@ -99,21 +104,44 @@ def run_lengths(size: int, weight: float, limit: float, shift: float, seed: int,
     return length
 
 
+def cusum_lengths(limit: float, shift: float, seed: int, runs: int) -> Any:
+    """Return the run lengths of a two-sided CUSUM after a shift, (runs,)."""
+    rng = np.random.default_rng([seed, 99, round(10 * shift)])
+    sums, length, alive = np.zeros((runs, 2)), np.zeros(runs), np.arange(runs)
+    while alive.size:
+        z = shift + rng.standard_normal(alive.size)
+        both = sums[alive] + np.stack([z, -z], axis=1) - ALLOWANCE
+        sums[alive] = np.maximum(both, 0.0)
+        length[alive] += 1
+        alive = alive[np.max(sums[alive], axis=1) <= limit]
+    return length
+
+
+def lengths_of(name: str, shift: float, seed: int, runs: int) -> Any:
+    """Return the run lengths of a chart by its name, (runs,)."""
+    if name == CUSUM:
+        return cusum_lengths(cusum_limit(LENGTH), shift, seed, runs)
+    size, weight = CHARTS[name]
+    return run_lengths(size, weight, chart_limit(LENGTH, weight, size), shift, seed, runs)
+
+
 def known_row(name: str, runs: int, share: Callable[..., list[Any]]) -> str:
     """Return a line of the table of known covariances."""
     size, weight = CHARTS[name]
-    limit = chart_limit(LENGTH, weight, size)
     cells: list[str] = []
     for shift in SHIFTS:
-        one = partial(_of_seed, size, weight, limit, shift, runs // len(SEEDS))
+        one = partial(_of_seed, name, shift, runs // len(SEEDS))
         found = np.concatenate(share(one, SEEDS))
         cells.append(f"{found.mean():.1f} ± {found.std() / sqrt(found.size):.1f}")
+    if name == CUSUM:
+        return f"| {name} | {cusum_limit(LENGTH):.3f} | {' | '.join(cells)} |"
+    limit = chart_limit(LENGTH, weight, size)
     shown = sqrt(limit) if size == 1 else limit
     return f"| {name} | {shown:.3f} | {' | '.join(cells)} |"
 
 
-def _of_seed(size: int, weight: float, limit: float, shift: float, runs: int, seed: int) -> Any:
-    return run_lengths(size, weight, limit, shift, seed, runs)
+def _of_seed(name: str, shift: float, runs: int, seed: int) -> Any:
+    return lengths_of(name, shift, seed, runs)
 
 
 def single_row(m: int, laboratories: int) -> str:

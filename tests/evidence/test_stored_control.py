@@ -12,16 +12,15 @@ from tests.evidence.control import (
     SHIFTS,
     day_rows,
     laboratory_points,
-    run_lengths,
+    lengths_of,
     single_row,
 )
-
-from inercal.uncertainty.run_lengths import chart_limit
 
 TABLE = PAGE.read_text(encoding="utf-8")
 NOTED = {  # run lengths after 0, 0.5, 1, 2 standard deviations, of published tables
     "Shewhart": (370, 155, 44, 6.3),
     "EWMA, λ = 0.2": (371, 36, 9.8, 3.6),
+    "CUSUM, k = 0.5": (370, 35, 9.9, 3.9),
 }
 
 
@@ -56,11 +55,9 @@ def test_stored_references_and_days_are_worked_out_anew():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CHARTS)
 def test_a_sample_of_run_lengths_agrees_with_what_is_stored(seed: int, name: str):
-    size, weight = CHARTS[name]
     runs = 400
     for shift, expected in zip(SHIFTS, lengths(name), strict=True):
-        limit = chart_limit(LENGTH, weight, size)
-        found = run_lengths(size, weight, limit, shift, 100 + seed, runs)
+        found = lengths_of(name, shift, 100 + seed, runs)
         assert abs(found.mean() - expected) < 4.5 * found.std() / sqrt(runs)
 
 

@@ -253,9 +253,12 @@ def test_the_calibration_of_an_example_is_the_documented_json(examples: Path, tm
         assert key in page, key
 
 
-def test_the_register_guide_prints_what_its_example_prints_and_a_page_is_left(tmp_path: Path):
+@pytest.mark.parametrize("name", ["five_years", "first_interval"])
+def test_the_register_guide_prints_what_its_examples_print_and_a_page_is_left(
+    name: str, tmp_path: Path
+):
     done = subprocess.run(
-        [sys.executable, "-W", "error", ROOT / "examples" / "register" / "five_years.py"],
+        [sys.executable, "-W", "error", ROOT / "examples" / "register" / f"{name}.py"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONIOENCODING": "utf-8"},
         capture_output=True,
@@ -264,7 +267,9 @@ def test_the_register_guide_prints_what_its_example_prints_and_a_page_is_left(tm
     )
     guide = (ROOT / "docs" / "how-to" / "register.md").read_text(encoding="utf-8")
     assert f"```text\n{done.stdout}```" in guide
-    assert "<svg" in (tmp_path / "five_years.html").read_text(encoding="utf-8")
+    pages = list(tmp_path.glob("*.html"))
+    assert len(pages) == (name == "five_years")
+    assert all("<svg" in page.read_text(encoding="utf-8") for page in pages)
 
 
 def test_the_centrifuge_guide_prints_what_its_example_prints():

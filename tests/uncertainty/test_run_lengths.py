@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from inercal.uncertainty.control_charts import chart_limits, chart_values
+from inercal.uncertainty.cusum import cusum_limit, cusum_run_length, cusum_sums
 from inercal.uncertainty.run_lengths import chart_limit, in_control_run_length, wider_limit
 
 
@@ -75,7 +76,7 @@ def test_charts_signal_where_the_statistics_of_the_textbook_do():
         w = 0.9 * w + 0.1 * d[t]
         single = 0.8 * single + 0.2 * d[t] / np.sqrt(np.diag(covariance))
         assert found.mewma[t] == pytest.approx(w @ np.linalg.solve(covariance * 0.1 / 1.9, w))
-        np.testing.assert_allclose(found.ewma[t], single / sqrt(0.2 / 1.8))
+        np.testing.assert_allclose(found.lasting[t], single / sqrt(0.2 / 1.8))
     anew = chart_values(d, np.broadcast_to(covariance, (n, p, p)), nothing, [20])
     np.testing.assert_allclose(
         anew.mewma[20:],
@@ -92,7 +93,7 @@ def test_the_error_of_the_reference_does_not_average_in_the_charts(seed: int):
         d = rng.standard_normal((n, 2)) - rng.standard_normal(2) / sqrt(m)
         one = np.broadcast_to(np.eye(2), (n, 2, 2))
         found = chart_values(d, one, one / m)
-        last.append([*found.ewma[-1], found.mewma[-1]])
+        last.append([*found.lasting[-1], found.mewma[-1]])
     at_end = np.array(last)
     assert np.mean(at_end[:, :2] ** 2) == pytest.approx(1, abs=4.5 * sqrt(2 / (2 * runs)))
     assert np.mean(at_end[:, 2]) == pytest.approx(2, abs=4.5 * sqrt(4 / runs))
@@ -102,7 +103,7 @@ def test_several_charts_share_the_rate_of_false_signals():
     known = chart_limits(370.0, np.full(12, np.inf), np.inf)
     assert known.joint_run_length == 4 * 370
     assert known.single_run_length == 4 * 12 * 370
-    assert in_control_run_length(float(known.ewma[0]), 0.2, 1) == pytest.approx(
+    assert in_control_run_length(float(known.lasting[0]), 0.2, 1) == pytest.approx(
         4 * 12 * 370, rel=0.01
     )
     assert in_control_run_length(known.t2, 1.0, 12) == pytest.approx(4 * 370, rel=0.01)
@@ -110,3 +111,45 @@ def test_several_charts_share_the_rate_of_false_signals():
     few = chart_limits(370.0, np.full(12, 19.0), 171.0)
     assert (few.shewhart > known.shewhart).all()
     assert few.t2 > known.t2
+
+
+def test_cusum_run_lengths_are_those_of_the_table():
+    found = [cusum_run_length(4.774, shift) for shift in (0.0, 0.5, 1.0, 2.0)]
+    assert found == pytest.approx([370, 35, 9.9, 3.9], rel=0.02)
+    assert cusum_limit(370.4) == pytest.approx(4.774, abs=0.005)
+
+
+def test_a_cusum_limit_grows_with_the_run_length_and_with_few_degrees_of_freedom():
+    limits = [cusum_limit(length) for length in (50.0, 370.0, 1e4, 1e6)]
+    assert limits == sorted(limits)
+    assert cusum_limit(370.4, 1e7) == pytest.approx(cusum_limit(370.4), rel=1e-2)
+    assert cusum_limit(370.4, 19.0) > cusum_limit(370.4, 57.0) > cusum_limit(370.4)
+
+
+def test_cusum_sums_are_those_of_page_and_restart():
+    z = np.array([[1.0], [2.0], [-3.0], [0.2], [4.0]])
+    up, down = cusum_sums(z, np.zeros_like(z))
+    assert up[:, 0] == pytest.approx([0.5, 2.0, 0.0, 0.0, 3.5])
+    assert down[:, 0] == pytest.approx([0.0, 0.0, 2.5, 1.8, 0.0])
+    again, _ = cusum_sums(z, np.zeros_like(z), [1])
+    assert again[:2, 0] == pytest.approx([0.5, 1.5])
+    # A reference that is known less well has a larger allowance.
+    wide, _ = cusum_sums(z, np.full_like(z, 0.2))
+    assert wide[0, 0] == pytest.approx(0.5 - 1.645 * 0.2)
+
+
+@pytest.mark.slow
+def test_a_cusum_of_estimated_references_seldom_signals_too_early(seed: int):
+    """Of references of 20 points nine in ten have the run length, or a longer one."""
+    rng = np.random.default_rng(seed)
+    labs, m, length = 200, 20, 50.0
+    limit = cusum_limit(length, m - 1.0)
+    found = np.zeros(labs)
+    for lab in range(labs):
+        mean, s = rng.standard_normal() / sqrt(m), sqrt(rng.chisquare(m - 1) / (m - 1))
+        z = (rng.standard_normal((400, 40)) - mean) / s
+        up, down = cusum_sums(z, np.full_like(z, sqrt(1 / m)))
+        beyond = np.maximum(up, down) > limit
+        first = np.where(beyond.any(axis=0), beyond.argmax(axis=0) + 1, 400)
+        found[lab] = first.mean()
+    assert np.quantile(found, 0.1) > 0.75 * length

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.forms import (
     ConvertedCoefficients,
     Frame,
@@ -61,6 +62,8 @@ class Calibration:
         Order of the calibration and its laboratory, in words ([job] of the run file).
     conformity : Conformity or None
         Of the coefficients with their limits; None where none are stated.
+    bench_estimates : tuple of BenchEstimate or None
+        What the run itself shows of its bench; None where a file does not state it.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class Calibration:
     validity: Validity | None = None
     job: Mapping[str, str] = field(default_factory=dict[str, str])
     conformity: "Conformity | None" = None
+    bench_estimates: tuple[BenchEstimate, ...] | None = None
 
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)

@@ -113,6 +113,17 @@ class _SharedError(_Strict):
     covariance: list[_Number]
 
 
+class _BenchEstimate(_Strict):
+    name: _Text
+    unit: _Text
+    meaning: _Text
+    value: _Number
+    std: _Positive
+    own_std: _Positive
+    stated: _Number
+    stated_std: _Positive
+
+
 class _LimitResult(_Strict):
     name: _Text
     lower: _Number | None
@@ -149,6 +160,7 @@ class _File(_Strict):
     validity: dict[Literal["rate", "force", "temperature"], _Range] | None = None
     job: _Texts = {}
     conformity: _Conformity | None = None
+    bench_estimates: list[_BenchEstimate] | None = None
 
 
 def require_valid(content: dict[str, Any]) -> None:

@@ -4,8 +4,9 @@ Schema "inercal/calibration/2": `sensor` (axes with input and pendulous axes, re
 `coefficients` (a list of name, value, std, unit; SI), `covariance` in that order, `conditions`,
 `provenance`, `notes`, `frame`, `mount`, `verdict` (grade, reasons, tests, suspect), `shared` (a
 list of errors of the bench that other calibrations may have too), `validity` (ranges by name),
-`job` (texts by name), `conformity` (rule, result and limits, of [specification]), and
-`sha256`, the hash of the other keys. Unknown keys are omitted.
+`job` (texts by name), `conformity` (rule, result and limits, of [specification]),
+`bench_estimates` (a list of what the run itself shows of its bench), and `sha256`, the hash of the
+other keys. Unknown keys are omitted.
 
 Files of schema 1, without `shared`, `validity` and `job`, can be read too.
 """
@@ -28,6 +29,7 @@ from inercal.calibration import (
     specification,
     verdict_object,
 )
+from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.file_schema import require_valid
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic_files import atomic_write
@@ -85,6 +87,8 @@ def as_object(calibration: Calibration) -> dict[str, Any]:
         content["validity"] = {name: list(found) for name, found in known.items()}
     if calibration.job:
         content["job"] = dict(calibration.job)
+    if calibration.bench_estimates is not None:
+        content["bench_estimates"] = [asdict(one) for one in calibration.bench_estimates]
     if calibration.conformity is not None:
         content["conformity"] = specification.as_object(calibration.conformity)
     return content | {"sha256": _hash(content)}
@@ -260,7 +264,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
     )
     notes, judged = tuple(content["notes"]), content.get("verdict")
     shared, validity = content.get("shared"), content.get("validity")
-    conformity = content.get("conformity")
+    conformity, bench_estimates = content.get("conformity"), content.get("bench_estimates")
     return Calibration(
         sensor,
         np.array([one["value"] for one in coefficients], dtype=float),
@@ -277,6 +281,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         None if validity is None else Validity(**{k: _range(v) for k, v in validity.items()}),
         content.get("job", {}),
         None if conformity is None else specification.from_object(conformity),
+        None if bench_estimates is None else tuple(map(_bench_estimate, bench_estimates)),
     )
 
 
@@ -308,6 +313,12 @@ def _shared_error(content: dict[str, Any]) -> SharedError:
     date = content["date"]
     name, unit, determination = (content[key] for key in ("name", "unit", "determination"))
     return SharedError(name, unit, float(content["std"]), column, determination, date)
+
+
+def _bench_estimate(content: dict[str, Any]) -> BenchEstimate:
+    name, unit, meaning = (content[key] for key in ("name", "unit", "meaning"))
+    numbers = (content[key] for key in ("value", "std", "own_std", "stated", "stated_std"))
+    return BenchEstimate(name, unit, meaning, *map(float, numbers))
 
 
 def _range(ends: list[float]) -> tuple[float, float]:

@@ -36,6 +36,9 @@ class NextUseScatter:
     names : tuple of str
     covariance : (p, p) array
         Of one use about the mean, SI.
+    run_to_run : (p, p) array
+        Of one session about the mean, with what the bench answers for, such as a new mounting; that
+        of a use in files that do not state it.
     dof : (p,) array
         Degrees of freedom.
     """
@@ -46,6 +49,7 @@ class NextUseScatter:
     form: str
     names: tuple[str, ...]
     covariance: Array
+    run_to_run: Array
     dof: Array
 
     def of(self, names: Sequence[str]) -> tuple[Array, Array]:
@@ -83,6 +87,7 @@ class _File(BaseModel):
     form: str
     coefficients: Annotated[list[_Coefficient], Field(min_length=1)]
     scatter: list[list[_Number]]
+    run_to_run: list[list[_Number]] | None = None
 
 
 def load_next_use(path: Path) -> NextUseScatter:
@@ -95,10 +100,19 @@ def load_next_use(path: Path) -> NextUseScatter:
     """
     found = read_result_file(path, _File, "inercal repeat")
     names = tuple(one.name for one in found.coefficients)
-    covariance = np.array([row for row in found.scatter if len(row) == len(names)])
-    if covariance.shape != (len(names), len(names)):
-        raise InputError(f"{path}: scatter must be {len(names)} × {len(names)}", file=path)
+    covariance = _square(path, "scatter", found.scatter, len(names))
+    run_to_run = covariance
+    if found.run_to_run is not None:
+        run_to_run = _square(path, "run_to_run", found.run_to_run, len(names))
     dof = np.array([one.dof for one in found.coefficients])
     return NextUseScatter(
-        path.name, found.sensor.name, found.frame, found.form, names, covariance, dof
-    )
+        path.name, found.sensor.name, found.frame, found.form, names, covariance,
+        run_to_run, dof,
+    )  # fmt: skip
+
+
+def _square(path: Path, key: str, rows: list[list[float]], size: int) -> Array:
+    matrix = np.array([row for row in rows if len(row) == size])
+    if matrix.shape != (size, size):
+        raise InputError(f"{path}: {key} must be {size} × {size}", file=path)
+    return matrix

@@ -17,7 +17,8 @@ def as_object(found: ControlCharts) -> dict[str, Any]:
     """Return the charts as the JSON object of their file: values in SI, statistics without unit."""
     matched, limits, values = found.matched, found.limits, found.values
     scatter = np.sqrt(np.diagonal(found.days.point[-1])) * found.fit.unit
-    single = zip(np.sqrt(limits.shewhart), np.sqrt(limits.ewma), strict=True)
+    kind = limits.lasting_kind.lower()
+    single = zip(np.sqrt(limits.shewhart), np.sqrt(limits.lasting), strict=True)
     return {
         "schema": SCHEMA,
         "sensor": {"name": matched.sensor.name},
@@ -30,6 +31,7 @@ def as_object(found: ControlCharts) -> dict[str, Any]:
             "single": limits.single_run_length,
         },
         "weights": {"EWMA": EWMA_WEIGHT, "MEWMA": MEWMA_WEIGHT},
+        "lasting": limits.lasting_kind,
         "reference": {"days": found.reference_days, "until": found.reference_end},
         "coefficients": [
             {
@@ -39,9 +41,9 @@ def as_object(found: ControlCharts) -> dict[str, Any]:
                 "sd": float(scatter[k]),
                 "dof": float(found.dof[k]),
                 "shewhart_limit": float(shewhart),
-                "ewma_limit": float(ewma),
+                f"{kind}_limit": float(lasting),
             }
-            for k, (name, (shewhart, ewma)) in enumerate(zip(found.names, single, strict=True))
+            for k, (name, (shewhart, lasting)) in enumerate(zip(found.names, single, strict=True))
         ],
         "limits": {"T²": limits.t2, "MEWMA": limits.mewma, "dof": found.joint_dof},
         "points": [
@@ -54,7 +56,7 @@ def as_object(found: ControlCharts) -> dict[str, Any]:
                 "T²": float(values.t2[t]),
                 "MEWMA": float(values.mewma[t]),
                 "shewhart": values.shewhart[t].tolist(),
-                "ewma": values.ewma[t].tolist(),
+                kind: values.lasting[t].tolist(),
             }
             for t, point in enumerate(found.points)
         ],

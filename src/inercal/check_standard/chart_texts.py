@@ -21,6 +21,11 @@ def episode_text(one: Episode) -> str:
     return f"from {day(one.since)} to {until}"
 
 
+def doubtful_text(one: Episode) -> str:
+    """Return what an episode means."""
+    return f"the bench is doubtful {episode_text(one)}: all sensors that were calibrated on it then"
+
+
 def control_lines(found: ControlCharts) -> list[str]:
     """Return what the charts say, the gravest first."""
     out = sum(not one.in_control for one in found.points)
@@ -34,10 +39,7 @@ def control_lines(found: ControlCharts) -> list[str]:
         )
     else:
         lines.append(f"in control: none of {len(found.points)} days signals")
-    lines += [
-        f"the bench is doubtful {episode_text(one)}: all sensors that were calibrated on it then"
-        for one in found.episodes
-    ]
+    lines += [doubtful_text(one) for one in found.episodes]
     lines += [
         f"{label} lies apart from the rest of the reference (p = {p:.1g}): leave it out, if its "
         "cause is known"

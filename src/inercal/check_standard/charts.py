@@ -6,7 +6,7 @@ error of its mean: for one coefficient t_{m−1} S √(1 + 1/m) of the field's b
 like axes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ from inercal.uncertainty.control_charts import (
     ChartKind,
     ChartLimits,
     ChartValues,
+    LastingKind,
     chart_limits,
     chart_values,
 )
@@ -137,16 +138,32 @@ class ControlCharts:
     @property
     def episodes(self) -> tuple[Episode, ...]:
         """The times in which the bench is doubtful, the first first."""
-        found: list[Episode] = []
-        since, doubtful = self.reference_end, False
-        for point in self.points:
-            if point.in_control:
-                if doubtful:
-                    found.append(Episode(since, point.first))
-                since, doubtful = point.last, False
-            else:
-                doubtful = True
-        return (*found, Episode(since, None)) if doubtful else tuple(found)
+        days = [(one.first, one.last, one.in_control) for one in self.points]
+        return doubtful_episodes(self.reference_end, days)
+
+
+def doubtful_episodes(
+    reference_end: str, days: Iterable[tuple[str, str, bool]]
+) -> tuple[Episode, ...]:
+    """Return the times between the last day in control and the next one.
+
+    Parameters
+    ----------
+    reference_end : str
+        ISO 8601.
+    days : iterable of (str, str, bool)
+        First and last session of each day after the reference, and whether it is in control.
+    """
+    found: list[Episode] = []
+    since, doubtful = reference_end, False
+    for first, last, in_control in days:
+        if in_control:
+            if doubtful:
+                found.append(Episode(since, first))
+            since, doubtful = last, False
+        else:
+            doubtful = True
+    return (*found, Episode(since, None)) if doubtful else tuple(found)
 
 
 def control_charts(
@@ -155,6 +172,7 @@ def control_charts(
     reference: int = REFERENCE_DAYS,
     run_length: float = RUN_LENGTH,
     restarts: Sequence[str] = (),
+    lasting: LastingKind = "EWMA",
 ) -> ControlCharts:
     """Return the control charts of a check standard.
 
@@ -168,6 +186,8 @@ def control_charts(
         In-control run length of all charts together, in days.
     restarts : sequence of str
         Times of corrective actions, ISO 8601: after them EWMA and MEWMA begin anew.
+    lasting : "EWMA" or "CUSUM"
+        Chart of small lasting changes of each coefficient.
 
     Raises
     ------
@@ -175,15 +195,7 @@ def control_charts(
         Calibrations that cannot be compared, a reference too short or longer than the sessions, or
         a run length that is not possible.
     """
-    if reference < LEAST_DAYS:
-        raise InputError(
-            f"--reference {reference}: the scatter of a reference shows from {LEAST_DAYS} days on",
-            key="--reference",
-        )
-    if not 10 <= run_length <= 1e6:
-        raise InputError(
-            f"--run-length {run_length:g}: give 10 to 1000000 days", key="--run-length"
-        )
+    require_settings(reference, run_length)
     matched = match_sessions([one.session for one in sessions])
     level = matched.level(0)
     days = int(level.max()) + 1
@@ -201,14 +213,15 @@ def control_charts(
     points = day_points(matched, fit, chosen, _widening(fit))
     dof = _degrees_of_freedom(fit, reference)
     joint = float(sum(one.similar * (one.effect.levels - 1) for one in fit.effects))
-    limits = chart_limits(run_length, dof, joint)
+    limits = chart_limits(run_length, dof, joint, lasting)
     later = slice(reference, None)
     begins = [max(sessions[k].measured for k in of_day) for of_day in points.sessions[later]]
     values = chart_values(
         points.difference[later],
         points.point[later],
         points.reference[later],
-        [_first_after(begins, time) for time in restarts],
+        [first_after(begins, time) for time in restarts],
+        lasting,
     )
     return ControlCharts(
         matched, fit, tuple(sessions), points, reference, limits, values,
@@ -217,7 +230,26 @@ def control_charts(
     )  # fmt: skip
 
 
-def _first_after(times: Sequence[str], time: str) -> int:
+def require_settings(reference: int, run_length: float) -> None:
+    """Refuse a reference that is too short, and a run length that is not possible.
+
+    Raises
+    ------
+    InputError
+    """
+    if reference < LEAST_DAYS:
+        raise InputError(
+            f"--reference {reference}: the scatter of a reference shows from {LEAST_DAYS} days on",
+            key="--reference",
+        )
+    if not 10 <= run_length <= 1e6:
+        raise InputError(
+            f"--run-length {run_length:g}: give 10 to 1000000 days", key="--run-length"
+        )
+
+
+def first_after(times: Sequence[str], time: str) -> int:
+    """Return the place of the first of sorted times at or after another; their count for none."""
     return next((k for k, one in enumerate(times) if one >= time), len(times))
 
 
@@ -233,9 +265,9 @@ def _check_points(
     for t, members in enumerate(days):
         beyond: dict[ChartKind, tuple[str, ...]] = {}
         for kind in KINDS:
-            at = np.atleast_1d(signals[kind][t])
+            at = np.atleast_1d(signals[kind][t]) if kind in signals else np.zeros(1)
             if at.any():
-                single = kind in ("Shewhart", "EWMA")
+                single = kind in ("Shewhart", limits.lasting_kind)
                 beyond[kind] = (
                     tuple(names[k] for k in np.flatnonzero(at).tolist()) if single else ()
                 )

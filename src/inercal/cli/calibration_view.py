@@ -10,7 +10,8 @@ from inercal.calibration.specification import conformity_lines
 from inercal.cli.tables import add_row, begin_section, make_table, number_column, number_columns
 from inercal.cli.terminal import terminal
 from inercal.comparison import Comparison
-from inercal.comparison.comparison_text import comparison_lines, format_en
+from inercal.comparison.comparison_text import comparison_lines, format_en, run_to_run_lines
+from inercal.comparison.run_to_run import RunToRun
 from inercal.sensors import SI_UNITS
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
@@ -39,7 +40,9 @@ def print_calibration_table(calibration: Calibration) -> None:
         print_line(line)
 
 
-def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
+def print_comparison(
+    compared: Comparison, names: tuple[str, str], ordinary: RunToRun | None = None
+) -> None:
     """Print two calibrations, coefficient by coefficient, and the tests of all."""
     numbers = number_columns(("value 1", "± U", "value 2", "± U", "difference", "± U"))
     table = make_table("coefficient", *numbers, "unit", number_column("E_n"))
@@ -63,9 +66,27 @@ def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
     terminal().print(table)
     for line in comparison_lines(compared):
         print_line(line)
+    for line in [] if ordinary is None else run_to_run_lines(ordinary):
+        print_line(line)
 
 
-def comparison_object(compared: Comparison, names: tuple[str, str]) -> dict[str, Any]:
+def run_to_run_object(found: RunToRun | None) -> dict[str, Any] | None:
+    """Return a difference against the scatter from run to run; None where it is not known."""
+    if found is None:
+        return None
+    pairs = zip(found.names, found.normalised_errors.tolist(), strict=True)
+    return {
+        "source": found.source,
+        "en": dict(pairs),
+        "beyond": list(found.beyond),
+        "within": list(found.within),
+        "joint": None if found.joint is None else found.joint._asdict(),
+    }
+
+
+def comparison_object(
+    compared: Comparison, names: tuple[str, str], ordinary: RunToRun | None = None
+) -> dict[str, Any]:
     """Return the comparison of two calibrations."""
     both, std = (compared.first, compared.second), compared.std
     first, second = (
@@ -90,5 +111,6 @@ def comparison_object(compared: Comparison, names: tuple[str, str]) -> dict[str,
         "beyond": compared.exceedances,
         "by_chance": compared.expected_exceedances,
         "joint": None if compared.joint_test is None else compared.joint_test._asdict(),
+        "run_to_run": run_to_run_object(ordinary),
         "left_out": list(compared.exclusions),
     }

@@ -7,11 +7,17 @@ import typer
 from inercal.cli.console import print_json
 
 NAME = "compare"
+REPEATABILITY = typer.Option(
+    None,
+    "--repeatability",
+    help="A result of inercal repeat: is a difference within the ordinary scatter of runs?",
+)
 
 
 def run(
     first: Path = typer.Argument(help="A calibration file."),
     second: Path = typer.Argument(help="The later one, of the same sensor."),
+    repeatability: Path | None = REPEATABILITY,
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
 ) -> None:
     """Compare two calibrations, coefficient by coefficient and all together."""
@@ -25,8 +31,13 @@ def run(
         compared = compare(*pair)
     except InputError as error:
         raise error.located(f"{first} and {second}") from None
+    ordinary = None
+    if repeatability is not None:
+        from inercal.comparison.run_to_run import against_scatter, scatter_of_file
+
+        ordinary = against_scatter(compared, scatter_of_file(repeatability, compared))
     names = str(first), str(second)
     if json:
-        print_json(comparison_object(compared, names))
+        print_json(comparison_object(compared, names, ordinary))
     else:
-        print_comparison(compared, names)
+        print_comparison(compared, names, ordinary)

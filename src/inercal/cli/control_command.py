@@ -1,5 +1,6 @@
 """`inercal control`: the control charts of a check standard."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,13 @@ if TYPE_CHECKING:
 NAME = "control"
 
 
+class Lasting(StrEnum):
+    """Charts of small lasting changes."""
+
+    EWMA = "EWMA"
+    CUSUM = "CUSUM"
+
+
 def run(
     files: list[Path] | None = typer.Argument(
         None,
@@ -24,6 +32,11 @@ def run(
     ),
     table: Path | None = TABLE,
     sensor: str | None = SENSOR,
+    bench: str | None = typer.Option(
+        None,
+        "--bench",
+        help="A bench of the register, by its name or kind: chart what its own runs show of it.",
+    ),
     register: str | None = REGISTER,
     same: list[Same] | None = SAME,
     reference: int = typer.Option(20, "--reference", help="How many days are the reference."),
@@ -35,6 +48,12 @@ def run(
         "--restart",
         help="Day of a repair, such as 2026-03-01: EWMA and MEWMA begin anew after it.",
     ),
+    since: str | None = typer.Option(
+        None, "--since", help="First day of a new reference; earlier sessions are left out."
+    ),
+    lasting: Lasting = typer.Option(
+        Lasting.EWMA, "--lasting", help="Chart of small lasting changes of one value."
+    ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Folder for the result and the page of the charts."
     ),
@@ -42,6 +61,18 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
 ) -> None:
     """Chart a check standard: whether the bench is in control, and since when it is not."""
+    days = [_day(one, "--restart") for one in restart or []]
+    begin = "" if since is None else _day(since, "--since")
+    if bench is not None:
+        from inercal.cli.bench_control import ChartOptions, run_bench_charts
+        from inercal.cli.session_inputs import require_single_source
+
+        require_single_source(files, table, sensor, bench)
+        options = ChartOptions(
+            reference, run_length, days, lasting.value, begin, out, force=force, json=json
+        )
+        run_bench_charts(bench, register, options, same)
+        return
     from inercal.check_standard import CheckedSession, control_charts
     from inercal.check_standard.chart_files import as_object, to_text
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
@@ -57,11 +88,15 @@ def run(
             f"{undated[0]}: states no time of measurement; give the days by --table, or enter it "
             "into the register"
         )
+    charted = [CheckedSession(*one) for one in given if one.measured >= begin]
+    if not charted:
+        raise InputError(f"--since {begin}: no session since then", key="--since")
     found = control_charts(
-        [CheckedSession(*one) for one in given],
+        charted,
         reference=reference,
         run_length=run_length,
-        restarts=list(map(_day, restart or [])),
+        restarts=days,
+        lasting=lasting.value,
     )
     doubtful = None if sensor is None else _doubtful_calibrations(register, sensor, found)
     targets: list[Path] = []
@@ -83,7 +118,7 @@ def run(
         print(f"wrote {path}")
 
 
-def _day(text: str) -> str:
+def _day(text: str, option: str) -> str:
     from datetime import date
 
     from inercal.errors import InputError
@@ -92,7 +127,7 @@ def _day(text: str) -> str:
         return date.fromisoformat(text).isoformat()
     except ValueError:
         raise InputError(
-            f"--restart {text!r}: write a day in ISO 8601, such as 2026-03-01", key="--restart"
+            f"{option} {text!r}: write a day in ISO 8601, such as 2026-03-01", key=option
         ) from None
 
 

@@ -25,7 +25,7 @@ def print_charts(found: ControlCharts) -> None:
         f"{found.reference_days + days} days; the reference is the first {found.reference_days}, "
         f"until {day(found.reference_end)}"
     )
-    heads = number_columns(("largest z", "largest EWMA", "T²", "MEWMA"))
+    heads = number_columns(("largest z", f"largest {found.limits.lasting_kind}", "T²", "MEWMA"))
     table = make_table("day", *heads, "signals")
     limits = found.limits
     for t in range(max(days - _NEWEST, 0), days):
@@ -33,13 +33,13 @@ def print_charts(found: ControlCharts) -> None:
         values = found.values
         cells = (
             f"{values.shewhart[t][np.argmax(np.abs(values.shewhart[t]))]:.2f}",
-            f"{values.ewma[t][np.argmax(np.abs(values.ewma[t]))]:.2f}",
+            f"{values.lasting[t][np.argmax(np.abs(values.lasting[t]))]:.2f}",
             f"{values.t2[t]:.1f}",
             f"{values.mewma[t]:.1f}",
         )
         words = "; ".join(signal_text(kind, names) for kind, names in point.signals.items())
         add_row(table, day(point.last), *cells, words)
-    ends = (np.sqrt(limits.shewhart), np.sqrt(limits.ewma))
+    ends = (np.sqrt(limits.shewhart), np.sqrt(limits.lasting))
     largest = [
         f"{one.min():.2f}" if np.ptp(one) < 0.005 else f"{one.min():.2f} to {one.max():.2f}"
         for one in ends

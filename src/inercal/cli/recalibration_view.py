@@ -8,17 +8,20 @@ from inercal.cli.tables import add_row, make_table, number_columns
 from inercal.cli.terminal import terminal
 from inercal.errors import InputError
 from inercal.store.recalibration import Recalibration
-from inercal.store.recalibration_text import interval_text, limit_text, recalibration_lines
+from inercal.store.recalibration_text import (
+    interval_table,
+    limit_text,
+    recalibration_lines,
+)
 
 
 def print_recalibration(found: Recalibration) -> None:
     """Print the intervals of each coefficient in days, and the next date."""
     if found.rows:
-        heads = number_columns(("prediction, days", "chart", "staircase"))
-        table = make_table("coefficient", "limit", *heads)
-        for one in found.rows:
-            days = map(interval_text, (one.prediction, one.chart, one.staircase))
-            add_row(table, one.name, limit_text(found, one), *days)
+        heads, cells = interval_table(found)
+        table = make_table("coefficient", "limit", *number_columns(heads))
+        for one, row in zip(found.rows, cells, strict=True):
+            add_row(table, one.name, limit_text(found, one), *row)
         terminal().print(table)
     for line in recalibration_lines(found):
         print_line(line)
@@ -32,6 +35,14 @@ def recalibration_object(found: Recalibration) -> dict[str, Any]:
         "decided_by": found.decided_by,
         "longest": found.longest,
         "hours_in_use": found.hours_in_use,
+        "operating_hours": found.operating_hours,
+        "pool": None
+        if found.pool is None
+        else {
+            "type": found.pool.type_name,
+            "sensors": list(found.pool.sensors),
+            "longest": found.pool.longest,
+        },
         "coefficients": [
             {
                 "name": one.name,
@@ -41,6 +52,8 @@ def recalibration_object(found: Recalibration) -> dict[str, Any]:
                 "prediction": one.prediction,
                 "chart": one.chart,
                 "staircase": one.staircase,
+                "hours": one.hours,
+                "sensors": one.sensors,
             }
             for one in found.rows
         ],

@@ -43,8 +43,7 @@ def read_sessions(
     """
     from inercal.errors import InputError
 
-    if sum(map(bool, (files, table, sensor))) != 1:
-        raise InputError("give the sessions in one way: files, --table or --sensor")
+    require_single_source(files, table, sensor)
     if register is not None and sensor is None:
         raise InputError("--register: name the sensor by --sensor", key="--register")
     if table is not None:
@@ -52,6 +51,20 @@ def read_sessions(
     if sensor is not None:
         return _of_register(register, sensor, same), []
     return _of_files(files or [], same), files or []
+
+
+def require_single_source(*ways: object) -> None:
+    """Refuse sessions that are given in no way, or in several.
+
+    Raises
+    ------
+    InputError
+    """
+    from inercal.errors import InputError
+
+    if sum(map(bool, ways)) != 1:
+        further = " or --bench" if len(ways) > 3 else ""
+        raise InputError(f"give the sessions in one way: files, --table or --sensor{further}")
 
 
 def measured_time(calibration: "Calibration") -> str:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from inercal.calibration import Calibration
+    from inercal.comparison import Comparison
+    from inercal.comparison.run_to_run import RunToRun
     from inercal.store import NoiseEntry, Register, SensorEntry
 
 NAME = "store"
@@ -129,6 +131,13 @@ def history(
         float | None,
         typer.Option(help="Percent of the time in use: the interval as hours of use, too."),
     ] = None,
+    like: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A sensor of the same type, for the interval of a sensor with few calibrations; "
+            "else those with the same model in [job]."
+        ),
+    ] = None,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
@@ -136,7 +145,8 @@ def history(
     from inercal.cli import recalibration_view, store_view
     from inercal.cli.noise_history_view import noise_object_list, print_noise_history
     from inercal.store import Register
-    from inercal.store.recalibration import recalibration
+    from inercal.store.recalibration import needs_pool, recalibration
+    from inercal.store.type_pool import type_pool
 
     with Register(register, create=False) as opened:
         if out is not None:
@@ -148,9 +158,10 @@ def history(
             _print_noise_alone(entry, noise, out, json=json)
             return
         found = opened.history(sensor)
+        pool = type_pool(opened, found, like or ()) if like or needs_pool(found) else None
     chosen = found.select(coefficients or ())
     share = None if in_use is None else in_use / 100
-    next_one = recalibration(chosen, recalibration_view.stated_limits(limit), share)
+    next_one = recalibration(chosen, recalibration_view.stated_limits(limit), share, pool)
     if out is not None:
         from inercal.report import write_history
 
@@ -196,6 +207,13 @@ def _print_noise_alone(
 def diff(
     first: Annotated[str, typer.Argument(help="The number of a calibration, or a file.")],
     second: Annotated[str, typer.Argument(help="The later one.")],
+    repeatability: Annotated[
+        Path | None,
+        typer.Option(
+            help="A result of inercal repeat, for the ordinary scatter of runs; else it is that of "
+            "the sensor's other calibrations in the register."
+        ),
+    ] = None,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
@@ -209,11 +227,35 @@ def diff(
         compared = compare(*both)
     except InputError as error:
         raise error.located(f"{first} and {second}") from None
+    ordinary = _run_to_run(compared, (first, second), repeatability, register)
     names = first, second
     if json:
-        print_json(comparison_object(compared, names))
+        print_json(comparison_object(compared, names, ordinary))
     else:
-        print_comparison(compared, names)
+        print_comparison(compared, names, ordinary)
+
+
+def _run_to_run(
+    compared: "Comparison", given: tuple[str, str], file: Path | None, register: str | None
+) -> "RunToRun | None":
+    """Return a comparison against the scatter of a file, or of the register; None of too few."""
+    from inercal.comparison.run_to_run import against_scatter, scatter_of_file
+    from inercal.store import Register
+    from inercal.store.run_scatter import run_scatter
+
+    if file is not None:
+        return against_scatter(compared, scatter_of_file(file, compared))
+    numbers = [number for one in given if (number := _parse_number(one)) is not None]
+    sensors = {one.sensor.name for one in (compared.first, compared.second)}
+    if not numbers or len(sensors) > 1:
+        return None
+    with Register(register, create=False) as opened:
+        history = opened.history(opened.calibration(numbers[-1]).sensor)
+    newest, terms = history.calibrations[-1], compared.second
+    if (newest.frame, newest.sensor.form) != (terms.frame, terms.sensor.form):
+        return None
+    scatter = run_scatter(history, numbers)
+    return None if scatter is None else against_scatter(compared, scatter)
 
 
 @app.command("import")

@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from inercal.cli.calibration_view import print_calibration_table, print_line
+from inercal.cli.calibration_view import (
+    print_calibration_table,
+    print_line,
+    run_to_run_object,
+)
 from inercal.cli.tables import add_row, begin_section, make_table, number_column
 from inercal.cli.terminal import terminal
 from inercal.comparison.comparison_text import format_en, grade_text
@@ -24,6 +28,7 @@ from inercal.store.history_text import (
     format_slope,
     history_lines,
 )
+from inercal.store.run_scatter import newest_run_to_run
 
 _TIME_SOURCES = {
     "stated": "as stated",
@@ -200,6 +205,7 @@ def history_object(history: SensorHistory) -> dict[str, Any]:
             for entry, joint in steps
         ],
         "coefficients": [_trend_object(history, trend) for trend in history.trends],
+        "run_to_run": run_to_run_object(newest_run_to_run(history)),
         "beyond": history.exceedances,
         "by_chance": history.expected_exceedances,
         "left_out": list(history.exclusions),

@@ -6,6 +6,7 @@ from inercal.calibration.grade import GRADE_WORDS
 from inercal.calibration.suspect_text import p_value_text
 from inercal.comparison import Comparison
 from inercal.comparison.changes import JointTest
+from inercal.comparison.run_to_run import RunToRun
 
 SHARED_NOTE = (
     "errors that both state to share cancel in the difference: E_n and χ² do not hold them"
@@ -64,6 +65,20 @@ def _test_lines(compared: Comparison) -> list[str]:
     if compared.joint_test is not None:
         lines.append(f"all together: {joint_test_text(compared.joint_test)}")
     return [*lines, SHARED_NOTE if compared.states_shared else INDEPENDENCE_NOTE]
+
+
+def run_to_run_lines(found: RunToRun) -> list[str]:
+    """Return which differences exceed the ordinary scatter from run to run, and which do not."""
+    lines = [
+        f"beyond the ordinary scatter from run to run ({found.source}): "
+        f"{', '.join(found.beyond) or 'none'} of {len(found.names)}; chance gives about "
+        f"{found.expected_exceedances:.2g}"
+    ]
+    if found.within:
+        lines.append(f"|E_n| > 1, but within that scatter: {', '.join(found.within)}")
+    if found.joint is not None:
+        lines.append(f"all together, with that scatter: {joint_test_text(found.joint)}")
+    return lines
 
 
 def exceedance_text(beyond: int, of: int, by_chance: float) -> str:

@@ -28,13 +28,14 @@ from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.pipeline.calibration_record import (
+    bench_estimates,
     provenance,
     run_conditions,
     shared_errors,
     validity,
 )
 from inercal.pipeline.correction import apply, load_recording
-from inercal.pipeline.qualified_errors import qualification_conditions
+from inercal.pipeline.qualified_errors import qualification_conditions, uncounted_notes
 from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
 from inercal.pipeline.stated_values import (
@@ -280,6 +281,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
             *constant_notes(bench, assumed),
+            *uncounted_notes(run, estimate, expected),
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
@@ -307,6 +309,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         conformity=None
         if run.specification is None
         else run.specification.judge(sensor.coefficients, value, covariance),
+        bench_estimates=bench_estimates(estimate, expected, p),
     )
     return Outcome(
         calibration,

@@ -20,6 +20,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.calibration import SharedError, Validity
+from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.simulated import SIMULATED
 from inercal.calibration.validity import Range
 from inercal.data import EstimatorInput
@@ -33,6 +34,8 @@ from inercal.runfile import Run
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
+_LEAST_KNOWN = 0.1  # of the stated variance, that the data take away
+_LEAST_OWN = 1e-4  # of the variance of a bench estimate, where runs share all of it
 _GRAVITY = "g"  # the parameter of each bench
 _BLOCK = 1 << 16  # samples
 KEPT_CORRECTIONS = "corrections that the readings hold"
@@ -177,6 +180,53 @@ def shared_errors(
             column = sensitivity[:count] * std**2
             shared.append(SharedError(name, q.unit, std, column, _determination(run, q, std)))
     return tuple(shared)
+
+
+def bench_estimates(
+    estimate: Estimate, expected: Mapping[str, Parameter], count: int
+) -> tuple[BenchEstimate, ...]:
+    """Return what the data themselves show of the bench's parameters of the run.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Its first `count` parameters are the sensor's coefficients.
+    expected : mapping of str to Parameter
+        The bench's parameters that act, by full name.
+    count : int
+
+    Returns
+    -------
+    tuple of BenchEstimate
+        Without parameters of which the data know less than a third of what was stated, and those
+        whose stated values are correlated.
+    """
+    known = {
+        name: (k, expected[name])
+        for k, name in enumerate(estimate.names)
+        if k >= count and name in expected and expected[name].scope == "run"
+        and expected[name].sd > 0 and name not in estimate.joint_priors
+    }  # fmt: skip
+    found: list[BenchEstimate] = []
+    covariance, birge = estimate.covariance, float(estimate.birge)
+    for name, (k, q) in known.items():
+        left = q.sd**2 - float(covariance[k, k])
+        if left < _LEAST_KNOWN * q.sd**2:
+            continue
+        column = covariance[:, k] * (q.sd**2 / left)  # P'_q
+        common = sum(float(column[i]) ** 2 / r.sd**2 for i, r in known.values() if i != k)
+        variance = float(column[k])
+        off = float(estimate.value[k]) - q.value
+        found.append(
+            BenchEstimate(
+                name, q.unit, q.meaning,
+                q.value + off * q.sd**2 / left,
+                birge * variance**0.5,
+                birge * max(variance - common, _LEAST_OWN * variance) ** 0.5,
+                q.value, q.sd,
+            )
+        )  # fmt: skip
+    return tuple(found)
 
 
 def _determination(run: Run, q: Parameter, std: float) -> str:

@@ -57,6 +57,43 @@ def qualified_errors(
     )
 
 
+def uncounted_notes(
+    run: Run, estimate: Estimate, expected: Mapping[str, Parameter]
+) -> tuple[str, ...]:
+    """Return which qualifications do not enter the uncertainty, and why.
+
+    An estimator that takes the bench as exact has neither a sensitivity to a parameter of the bench
+    nor the parameter among its unknowns. Other parameters do not act in these steps.
+    """
+    lines: list[str] = []
+    for file, one in zip(run.qualified.files, run.qualified.each, strict=True):
+        left_out = [name for name in one.names if not _is_counted(name, estimate, expected)]
+        if not left_out:
+            continue
+        acting = any(q.name in left_out for q in expected.values())
+        reason = (
+            f"estimator {run.estimator} does not count it"
+            if acting
+            else "it does not act in this run"
+        )
+        lines.append(
+            f"qualification {file}: the uncertainty of {', '.join(left_out)} is not in U, because "
+            f"{reason}; its values correct the bench"
+        )
+    return tuple(lines)
+
+
+def _is_counted(name: str, estimate: Estimate, expected: Mapping[str, Parameter]) -> bool:
+    found = [full for full, q in expected.items() if q.name == name and q.sd > 0]
+    if any(estimate.sensitivity(full, expected[full].sd) is not None for full in found):
+        return True
+    # Those of each position or dwell may be eliminated with the noise of its row.
+    lasting = [full for full, q in expected.items() if q.scope == "run" and q.sd > 0]
+    return any(expected[full].scope != "run" for full in found) and any(
+        estimate.sensitivity(full, expected[full].sd) is not None for full in lasting
+    )
+
+
 def qualification_conditions(run: Run) -> dict[str, str]:
     """Return the qualifications of a run, for people."""
     return {

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from inercal.benches.kinds import KINDS
 from inercal.errors import InputError
-from inercal.io.column_table import file_sha256
+from inercal.io.column_table import file_sha256, shorten
 from inercal.qualification.input_sections import SECTIONS, QualificationSection
 from inercal.qualification.measure import MEASUREMENTS, MeasurementInput
 from inercal.qualification.measurements.measured_parameters import MeasuredParameters
@@ -113,10 +113,13 @@ def _validated(name: str, content: object, section: type[Section]) -> Section:
         first = error.errors()[0]
         key = f"[{name}] {'.'.join(map(str, first['loc']))}"
         known = ", ".join(section.model_fields)
+        context = first.get("ctx", {})
+        given = shorten(repr(first["input"]))
         text = {
-            "missing": "is missing",
+            "missing": "is missing; state it",
             "extra_forbidden": f"is not known; the keys are {known}",
-        }.get(first["type"], first["msg"])
+            "literal_error": f"{given} is not possible; give {context.get('expected')}",
+        }.get(first["type"], f"{given}: {first['msg'][0].lower()}{first['msg'][1:]}")
         raise InputError(f"{key}: {text}", key=key) from None
 
 

@@ -35,14 +35,19 @@ class QualificationSection(Section):
     )
 
 
-class HeadMapSection(Section):
-    """[measurement] of a head map: polygon and autocollimator."""
+class AngleReadingSection(Section):
+    """[measurement] of an instrument that is read at angles of the bench."""
 
     file: str = Field(examples=["readings.csv"])
     angle: Column = "angle"
     angle_unit: str = "°"
     reading: Column = "reading"
     reading_unit: str = "″"
+
+
+class HeadMapSection(AngleReadingSection):
+    """[measurement] of a head map: polygon and autocollimator."""
+
     autocollimator: str = Field(description="of one reading", examples=["0.1 ″"])
     harmonics: int = Field(2, ge=1, description="how many")
     division: str = Field("0 ″", examples=["0.3 ″"])
@@ -54,32 +59,22 @@ class HeadMapSection(Section):
     axis: str | None = Field(None, description="of a turntable", examples=["outer"])
 
 
-class TableTiltSection(Section):
+class TableTiltSection(AngleReadingSection):
     """[measurement] of a table's lean: a level."""
 
-    file: str = Field(examples=["level.csv"])
     level_at: Literal["table", "base"] = "table"
-    angle: Column = "angle"
-    angle_unit: str = "°"
-    reading: Column = "reading"
-    reading_unit: str = "″"
     level: str = Field(description="of one reading", examples=["0.2 ″"])
     level_scale: str = Field("0 %", examples=["1 %"])
     azimuth: str | None = Field(None, description="of the level", examples=["90 °"])
     wobble: int = Field(1, ge=1, le=6, description="highest harmonic of the wobble")
 
 
-class RightAngleSection(Section):
+class RightAngleSection(AngleReadingSection):
     """[measurement] of a right angle: a level, direct and reversed."""
 
-    file: str = Field(examples=["level.csv"])
     axes: str = Field(examples=["zxy"])
     right_angle: int = Field(1, description="1 of the outermost axis and the next")
-    angle: Column = "angle"
-    angle_unit: str = "°"
     sense: Column = "sense"
-    reading: Column = "reading"
-    reading_unit: str = "″"
     level: str = Field(description="of one reading", examples=["0.2 ″"])
     level_scale: str = Field("0 %", examples=["1 %"])
 
@@ -134,13 +129,9 @@ class GravitySection(Section):
     tide: Literal["corrected", "in the uncertainty"] = "in the uncertainty"
 
 
-class AzimuthSection(Section):
+class AzimuthSection(AngleReadingSection):
     """[measurement] of an azimuth: a gyro with a level input axis."""
 
-    file: str = Field(examples=["gyro.csv"])
-    angle: Column = "angle"
-    angle_unit: str = "°"
-    reading: Column = "reading"
     reading_unit: str = "°/h"
     reading_sd: str = Field(description="of one reading", examples=["0.01 °/h"])
     latitude: str = Field(examples=["48.1 °"])

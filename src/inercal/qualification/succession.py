@@ -64,7 +64,8 @@ def drift_between(earlier: Qualification, later: Qualification) -> tuple[Paramet
     years = (later.date - earlier.date).days / YEAR
     if years <= 0:
         raise InputError(
-            f"the qualifications are of {earlier.date} and {later.date}: give the earlier first"
+            f"the qualifications are of {earlier.date} and {later.date}: give two of different "
+            "days, the earlier first"
         )
     found: list[ParameterDrift] = []
     for k, one in enumerate(later.parameters):

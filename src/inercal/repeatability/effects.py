@@ -17,6 +17,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.keys import CoefficientName
 from inercal.repeatability.sessions import MatchedSessions
+from inercal.sensors import Sensor
 from inercal.uncertainty.repeated_measurements import RandomEffect
 
 Owner = Literal["sensor", "bench"]
@@ -77,7 +78,7 @@ def named_effects(matched: MatchedSessions, mount_owner: Owner) -> tuple[NamedEf
         if turn_ons.max() > days.max():
             levels.append(("turn-on", turn_ons))
     found: list[NamedEffect] = []
-    for (name, unit, si), places in similar_coefficients(matched).items():
+    for (name, unit, si), places in similar_coefficients(matched.sensor, matched.names).items():
         shape = np.eye(len(matched.names))[:, list(places)]
         found += [
             NamedEffect(name, level, "sensor", places, unit, si, RandomEffect(shape, number))
@@ -94,13 +95,15 @@ def named_effects(matched: MatchedSessions, mount_owner: Owner) -> tuple[NamedEf
     return tuple(found)
 
 
-def similar_coefficients(matched: MatchedSessions) -> dict[tuple[str, str, float], tuple[int, ...]]:
+def similar_coefficients(
+    sensor: Sensor, names: Sequence[str]
+) -> dict[tuple[str, str, float], tuple[int, ...]]:
     """Return the places of like coefficients, by name, unit and SI size of the unit."""
     groups: dict[tuple[str, str, float], list[int]] = {}
-    measures = {axis.name: axis.measures for axis in matched.sensor.axes}
+    measures = {axis.name: axis.measures for axis in sensor.axes}
     kinds = {"f": "accelerometers", "w": "gyros"}
-    for place, name in enumerate(matched.names):
-        term = matched.sensor.coefficient(name)
+    for place, name in enumerate(names):
+        term = sensor.coefficient(name)
         meaning = "misalignment" if term.name in _ROTATED else term.meaning
         kind = kinds[measures[CoefficientName(name).axis]]
         groups.setdefault((f"{meaning} of {kind}", term.unit, term.si), []).append(place)

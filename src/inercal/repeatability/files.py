@@ -34,6 +34,7 @@ def as_object(found: Repeatability) -> dict[str, Any]:
             for k, name in enumerate(found.names)
         ],
         "scatter": found.scatter.tolist(),
+        "run_to_run": found.run_to_run.tolist(),
         "covariance": {
             "mean": found.mean.covariance.tolist(),
             "next_use": found.next_use.covariance.tolist(),

@@ -118,6 +118,16 @@ class Repeatability:
         return findings(self.fit, self.mount_owner)
 
     @property
+    def run_to_run(self) -> Array:
+        """Covariance of a session about the mean without its own uncertainty, (p, p), SI.
+
+        What a next use adds, and what the bench answers for, such as a new mounting.
+        """
+        effects = self.fit.effects
+        others = [not one.is_in_next_use(self.scope) for one in effects]
+        return self.scatter + scatter(effects, self.fit.variances.variance, others, len(self.names))
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The coefficients."""
         return self.matched.names

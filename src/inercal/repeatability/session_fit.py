@@ -79,7 +79,7 @@ class SessionFit:
 def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> SessionFit:
     """Return sessions with the variances of their effects, and the mean by these."""
     k, p = len(matched.sessions), len(matched.names)
-    groups = similar_coefficients(matched)
+    groups = similar_coefficients(matched.sensor, matched.names)
     unit = _units(matched, groups)
     values, square = matched.values / unit, np.outer(unit, unit)
     own: Array = matched.own / square

@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # reports do without a register, and most without a noise ana
     from matplotlib.axes import Axes
 
     from inercal.check_standard import ControlCharts
+    from inercal.check_standard.bench_charts import BenchCharts
     from inercal.noise import NoiseAnalysis
     from inercal.noise.data_sheet import DataSheetNoise
     from inercal.store import CalibrationEntry, NoiseEntry, SensorEntry, SensorHistory
@@ -208,6 +209,28 @@ def write_control(
     """
     with _extras():
         from inercal.report.control_page import page
+    return write_text(path, page(charts, doubtful))
+
+
+def write_bench_control(
+    charts: "BenchCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry]" = ()
+) -> Path:
+    """Write the page of a bench's charts, whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    charts : BenchCharts
+    path : path
+    doubtful : sequence of CalibrationEntry
+        Calibrations of a register while the bench was doubtful.
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.bench_control_page import page
     return write_text(path, page(charts, doubtful))
 
 

@@ -21,11 +21,17 @@ from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 from inercal.store import CalibrationEntry
-from inercal.uncertainty.control_charts import KINDS
+from inercal.uncertainty.control_charts import KINDS, LastingKind
 
 _HEIGHT, _LABEL_ROOM, _COLUMNS = 1.3, 0.4, 2
 _DAY = 86_400.0
 _FORMATS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S"]
+
+
+LASTING_WORDS: dict[LastingKind, tuple[str, str]] = {
+    "EWMA": ("EWMA", "its moving mean, the EWMA, in its own"),
+    "CUSUM": ("CUSUM", "the larger of its sums, the CUSUM"),
+}
 
 
 class _ChartFigure(NamedTuple):
@@ -49,6 +55,7 @@ def page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = Non
         reference=found.reference_days,
         until=day(found.reference_end),
         days=len(found.points),
+        lasting=LASTING_WORDS[found.limits.lasting_kind],
         tone="good" if not found.episodes else "care" if found.in_control else "bad",
         summary=lines[0],
         lines=lines[1:],
@@ -89,11 +96,11 @@ def _joint_figure(found: ControlCharts) -> Markup:
     values, limits = found.values, found.limits
     panels = (("T²", values.t2, limits.t2), ("MEWMA", values.mewma, limits.mewma))
     for axes, (name, statistic, limit) in zip(rows[0], panels, strict=True):
-        _points(axes, at, statistic, statistic > limit)
+        draw_points(axes, at, statistic, statistic > limit)
         axes.axhline(limit, color=WARN, lw=0.9, ls="--")
         axes.set_ylim(0, 1.1 * max(limit, float(statistic.max())))
         axes.set_title(f"{name}, limit {limit:.1f}")
-        _date_axis(axes)
+        draw_dates(axes)
     return svg(figure, "joint", "T² and MEWMA over time with their limits")
 
 
@@ -116,24 +123,25 @@ def _axis_figure(found: ControlCharts, places: list[int], name: str) -> Markup:
         of_days = found.days
         variance = of_days.point[:, k, k] + of_days.reference[:, k, k]
         first = (of_days.difference[:, k] / np.sqrt(variance))[:m]
-        z, ewma = found.values.shewhart[:, k], found.values.ewma[:, k]
-        limit, of_ewma = found.limits.shewhart[k] ** 0.5, found.limits.ewma[k] ** 0.5
+        z, lasting = found.values.shewhart[:, k], found.values.lasting[:, k]
+        limit, of_lasting = found.limits.shewhart[k] ** 0.5, found.limits.lasting[k] ** 0.5
         axes.axvspan(times[0], times[m - 1], color=BAND, lw=0)
         axes.plot(times[:m], first, "o", ms=2.6, mfc=PAPER, mec=MUTED, mew=0.8)
-        axes.plot(times[m:], ewma, "-", color=Z, lw=1.1)
-        _points(axes, times[m:], z, (np.abs(z) > limit) | (np.abs(ewma) > of_ewma))
+        axes.plot(times[m:], lasting, "-", color=Z, lw=1.1)
+        draw_points(axes, times[m:], z, (np.abs(z) > limit) | (np.abs(lasting) > of_lasting))
         for sign in (-1, 1):
             axes.axhline(sign * limit, color=WARN, lw=0.9, ls="--")
-            axes.axhline(sign * of_ewma, color=Z, lw=0.7, ls=":")
+            axes.axhline(sign * of_lasting, color=Z, lw=0.7, ls=":")
         axes.set_title(f"{found.names[k]}, standard deviations")
-        _date_axis(axes)
+        draw_dates(axes)
     for axes in panels[len(places) :]:
         axes.set_axis_off()
     names = ", ".join(found.names[k] for k in places)
-    return svg(figure, name, f"Shewhart and EWMA charts of {names}")
+    return svg(figure, name, f"Shewhart and {found.limits.lasting_kind} charts of {names}")
 
 
-def _points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
+def draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
+    """Draw the points of a chart; those beyond a limit as diamonds."""
     axes.plot(at[~beyond], values[~beyond], "o", ms=3.0, mfc=INK, mec=INK, mew=0)
     # Another shape, open and larger: to be told without colour too.
     axes.plot(at[beyond], values[beyond], "D", ms=5.0, mfc=PAPER, mec=WARN, mew=1.4, zorder=3)
@@ -141,7 +149,8 @@ def _points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> 
     axes.set_axisbelow(True)
 
 
-def _date_axis(axes: Axes) -> None:
+def draw_dates(axes: Axes) -> None:
+    """Give the axis of time, in days since 1970, its dates."""
     locator = AutoDateLocator(minticks=3, maxticks=6)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(

@@ -98,15 +98,15 @@ def page(
     noise: Sequence[NoiseEntry] = (),
 ) -> str:
     """Return the page, HTML; where `next_one` is None, by the limits of the newest calibration."""
-    groups = _axis_histories(history)
+    groups, lines = _axis_histories(history), summary_lines(history)
     return render(
         "over_time.html",
         history=history,
         first=_date(history.entries[0].measured),
         last=_date(history.entries[-1].measured),
         tone="good" if set(history.verdicts) <= {"steady", "too few"} else "care",
-        summary=summary_lines(history)[0],
-        lines=summary_lines(history)[1:],
+        summary=lines[0],
+        lines=lines[1:],
         section=_render_section(groups),
         groups=groups,
         recalibration=recalibration_section(next_one or recalibration(history)),

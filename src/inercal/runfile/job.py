@@ -38,6 +38,9 @@ class JobSection(Section):
     model: str | None = _text("QA 2000")
     serial_number: str | None = _text("0417")
     condition: str | None = _text("new, connector sealed")
+    operating_hours: float | None = Field(
+        None, ge=0, allow_inf_nan=False, examples=[1250.0], json_schema_extra=DESCRIPTION
+    )
     received: date | None = Field(
         None, examples=[date(2026, 11, 20)], json_schema_extra=DESCRIPTION
     )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import cached_property
 from itertools import pairwise
+from math import isfinite
 
 import numpy as np
 
@@ -146,6 +147,11 @@ class SensorHistory:
         last = self.calibrations[-2:]
         return build_comparison(*last).joint_test if len(last) > 1 else None
 
+    @cached_property
+    def operating_hours(self) -> tuple[float | None, ...]:
+        """Operating hours of the sensor at each calibration, where [job] states them."""
+        return tuple(_operating_hours(one) for one in self.calibrations)
+
     def trend(self, name: str) -> CoefficientTrend:
         """Return one coefficient over time by its full name.
 
@@ -227,7 +233,7 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
             "inercal store import",
             names=(sensor.name,),
         )
-    entries, left_out = _latest_per_recording(entries)
+    entries, left_out = latest_per_recording(entries)
     newest = entries[-1].calibration
     kept: list[tuple[CalibrationEntry, Calibration]] = []
     for entry in entries:
@@ -254,7 +260,15 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     )
 
 
-def _latest_per_recording(
+def _operating_hours(calibration: Calibration) -> float | None:
+    try:
+        hours = float(calibration.job.get("operating hours", ""))
+    except ValueError:
+        return None
+    return hours if isfinite(hours) else None
+
+
+def latest_per_recording(
     entries: Sequence[CalibrationEntry],
 ) -> tuple[list[CalibrationEntry], list[str]]:
     """Return the last entered calibration of each recording, and in words those left out.

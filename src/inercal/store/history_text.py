@@ -6,9 +6,11 @@ from inercal.comparison.comparison_text import (
     SHARED_NOTE,
     exceedance_text,
     joint_test_text,
+    run_to_run_lines,
 )
 from inercal.comparison.courses import LEAST_FOR_DRIFT, Course
 from inercal.store.history import CoefficientTrend, SensorHistory
+from inercal.store.run_scatter import newest_run_to_run
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
@@ -76,6 +78,8 @@ def history_lines(history: SensorHistory) -> list[str]:
             f"the newest calibration against the previous, all {test.size} coefficients "
             f"together: {joint_test_text(test)}"
         )
+    if (ordinary := newest_run_to_run(history)) is not None:
+        lines += run_to_run_lines(ordinary)
     if any(one.line is not None for one in history.trends):
         lines.append("without any change, about one coefficient in 20 is not called steady")
     if history.comparison_count:

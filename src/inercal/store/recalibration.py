@@ -20,17 +20,19 @@ staircase
     The last interval times 1.1 where the newest calibration found the coefficient within its
     limit, else times 0.45. In the long run that holds 89 % within.
 time in use
-    The prediction as hours of use, where the part of the time in use is stated.
+    The prediction over operating hours in place of years, where three calibrations state them
+    ([job] operating_hours).
 
 The prediction decides, and the house rule caps it: never more than twice the longest interval that
-was seen.
+was seen. With fewer than five calibrations of its own a sensor takes U(Δt), and the largest change
+a year, of the sensors of its type (`type_pool`), unless its own calibrations scatter more.
 """
 
 # scipy has no type stubs.
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import cast
 
@@ -38,9 +40,11 @@ import numpy as np
 import scipy
 
 from inercal.comparison.changes import YEAR
+from inercal.comparison.courses import LEAST_FOR_DRIFT
 from inercal.errors import InputError
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.store.history import CoefficientTrend, SensorHistory
+from inercal.store.type_pool import PooledChange, TypePool
 from inercal.uncertainty.conformity import conformance_probability
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import parse_quantity
@@ -79,6 +83,13 @@ class CoefficientInterval:
     name : str
     limit : CoefficientLimit
     prediction, chart, staircase : float or None
+    hours : float or None
+        By the time in use, hours.
+    sensors : int
+        Over how many sensors of the type prediction and chart are pooled; 0 where they are of the
+        sensor's own calibrations.
+    is_apart : bool
+        Whether its calibrations scatter otherwise than those of its type, so that no pool is taken.
     """
 
     name: str
@@ -86,6 +97,9 @@ class CoefficientInterval:
     prediction: float | None
     chart: float | None
     staircase: float | None
+    hours: float | None = None
+    sensors: int = 0
+    is_apart: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +115,15 @@ class Recalibration:
         Twice the longest interval that was seen, years.
     in_use : float or None
         Part of the time in use.
+    pool : TypePool or None
+        The sensors of the type, where one of the rows is pooled over them.
     """
 
     history: SensorHistory
     rows: tuple[CoefficientInterval, ...]
     longest: float
     in_use: float | None = None
+    pool: TypePool | None = None
 
     @property
     def years(self) -> float | None:
@@ -138,12 +155,30 @@ class Recalibration:
         return self.years * YEAR / _HOUR * self.in_use
 
     @property
+    def operating_hours(self) -> float | None:
+        """Operating hours of the sensor at which to calibrate; None where they are not known."""
+        hours = self.history.operating_hours
+        found = [one.hours for one in self.rows if one.hours is not None]
+        known = [one for one in hours if one is not None]
+        if not found or hours[-1] is None:
+            return None
+        return hours[-1] + min(*found, _LONGEST_RATIO * float(np.diff(known).max()))
+
+    @property
     def _newest(self) -> float:
         return max(float(one.time[-1]) for one in self.history.trends)
 
 
+def needs_pool(history: SensorHistory) -> bool:
+    """Tell whether a sensor has too few calibrations of its own for an interval."""
+    return len(history.entries) < LEAST_FOR_DRIFT
+
+
 def recalibration(
-    history: SensorHistory, stated: Mapping[str, str] | None = None, in_use: float | None = None
+    history: SensorHistory,
+    stated: Mapping[str, str] | None = None,
+    in_use: float | None = None,
+    pool: TypePool | None = None,
 ) -> Recalibration:
     """Return when to calibrate next.
 
@@ -154,20 +189,41 @@ def recalibration(
         Largest U by coefficient, group or axis: {"bias": "1 mg"}.
     in_use : float, optional
         Part of the time in use, 0 to 1.
+    pool : TypePool, optional
+        For a sensor that `needs_pool`.
 
     Raises
     ------
     InputError
-        A word that selects no coefficient, or a quantity that does not fit.
+        A word that selects no coefficient, a quantity that does not fit, or a pool that is not
+        needed.
     """
     if in_use is not None and not 0 < in_use <= 1:
         raise InputError("--in-use must be above 0 and at most 100 %", key="--in-use")
     limits = coefficient_limits(history, stated or {})
+    if pool is not None and not needs_pool(history):
+        raise InputError(
+            f"--like: {history.sensor.name} has {len(history.entries)} calibrations of its own; "
+            "remove --like",
+            key="--like",
+        )
+    hours = history.operating_hours
     rows = tuple(
-        _interval(trend, limits[trend.name]) for trend in history.trends if trend.name in limits
+        _interval(
+            trend,
+            limits[trend.name],
+            None if pool is None else pool.changes.get(trend.name),
+            [hours[k] for k in trend.points],
+        )
+        for trend in history.trends
+        if trend.name in limits
     )
     gaps = [float(np.diff(one.time).max()) for one in history.trends if one.time.size > 1]
-    return Recalibration(history, rows, _LONGEST_RATIO * max(gaps, default=0.0), in_use)
+    if pool is not None and any(one.sensors for one in rows):
+        gaps.append(pool.longest)
+    else:
+        pool = None
+    return Recalibration(history, rows, _LONGEST_RATIO * max(gaps, default=0.0), in_use, pool)
 
 
 def coefficient_limits(
@@ -222,17 +278,26 @@ def expanded_after(trend: CoefficientTrend, years: float) -> float:
     return float(np.sqrt(line.factor**2 * by_scatter + shared))
 
 
-def _interval(trend: CoefficientTrend, limit: CoefficientLimit) -> CoefficientInterval:
+def _interval(
+    trend: CoefficientTrend,
+    limit: CoefficientLimit,
+    pooled: PooledChange | None,
+    hours: Sequence[float | None],
+) -> CoefficientInterval:
     gaps = np.diff(trend.time)
     apart = gaps > 0
     steps = np.abs(np.diff(trend.values))
     prediction = chart = staircase = None
     newest = float(trend.values[-1])
-    if trend.courses is not None:
-        prediction = _longest(trend, limit)
+    is_apart = pooled is not None and not pooled.is_of_type(trend)
+    if is_apart:
+        pooled = None
+    if pooled is not None or trend.courses is not None:
+        prediction = _longest(trend, limit, pooled)
     room = min(limit.expanded, limit.upper - newest, newest - limit.lower)
-    if apart.any() and isfinite(room):
-        rate = float((steps[apart] / gaps[apart]).max())
+    rates = list(steps[apart] / gaps[apart]) + ([] if pooled is None else [pooled.rate])
+    if rates and isfinite(room):
+        rate = float(max(rates))
         chart = max(room, 0.0) / rate if rate > 0 else _HORIZON
     if apart.any():
         within = (
@@ -241,16 +306,48 @@ def _interval(trend: CoefficientTrend, limit: CoefficientLimit) -> CoefficientIn
             else limit.lower <= newest <= limit.upper
         )
         staircase = float(gaps[apart][-1]) * (LONGER if within else SHORTER)
-    return CoefficientInterval(trend.name, limit, prediction, chart, staircase)
+    used = _over_hours(trend, hours)
+    return CoefficientInterval(
+        trend.name, limit, prediction, chart, staircase,
+        None if used is None else _longest(used, limit) * YEAR / _HOUR,
+        0 if pooled is None else pooled.sensors, is_apart,
+    )  # fmt: skip
 
 
-def _longest(trend: CoefficientTrend, limit: CoefficientLimit) -> float:
+def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> CoefficientTrend | None:
+    """Return a trend with years of operation as its times; None where fewer than three are known.
+
+    Of the newest calibrations, which all state operating hours that grow.
+    """
+    count = next((k for k, one in enumerate(reversed(hours)) if one is None), len(hours))
+    count = min(count, len(trend.shared))
+    known = np.array([one for one in hours[len(hours) - count :] if one is not None])
+    if count < 3 or np.any(np.diff(known) < 0) or np.ptp(known) == 0:
+        return None
+    return replace(
+        trend,
+        points=trend.points[-count:],
+        time=known * _HOUR / YEAR,
+        values=trend.values[-count:],
+        std=trend.std[-count:],
+        step_std=trend.step_std[-(count - 1) :],
+        shared=trend.shared[-count:, -count:],
+    )
+
+
+def _longest(
+    trend: CoefficientTrend, limit: CoefficientLimit, pooled: PooledChange | None = None
+) -> float:
     """Return the longest interval of the prediction, years; 0 where the limit is exceeded now."""
-    assert trend.courses is not None
-    slope = trend.courses.line.slope.slope if trend.courses.drifts else 0.0
+    courses = trend.courses if pooled is None else None
+    slope = courses.line.slope.slope if courses is not None and courses.drifts else 0.0
 
     def room(years: float) -> float:
-        expanded = expanded_after(trend, years)
+        if pooled is None:
+            expanded = expanded_after(trend, years)
+        else:
+            own, shared = float(trend.independent_variance[-1]), float(trend.shared[-1, -1])
+            expanded = pooled.expanded_after(own, shared, years)
         if isfinite(limit.expanded):
             return limit.expanded - expanded - abs(slope) * years
         value = np.array([trend.values[-1] + slope * years])

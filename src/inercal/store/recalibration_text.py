@@ -23,6 +23,48 @@ def limit_text(found: Recalibration, one: CoefficientInterval) -> str:
     return f"{' to '.join(ends).strip()} {trend.unit}"
 
 
+def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return heads and cells of the intervals of each coefficient, after its name and limit."""
+    heads = ["prediction, days", "chart", "staircase"]
+    columns = [
+        [interval_text(one.prediction) for one in found.rows],
+        [interval_text(one.chart) for one in found.rows],
+        [interval_text(one.staircase) for one in found.rows],
+    ]
+    if any(one.hours is not None for one in found.rows):
+        heads.append("time in use, hours")
+        columns.append([hours_text(one.hours) for one in found.rows])
+    if found.pool is not None:
+        heads.append("pooled sensors")
+        columns.append([str(one.sensors or "") for one in found.rows])
+    return tuple(heads), list(zip(*columns, strict=True))
+
+
+def hours_text(hours: float | None) -> str:
+    """Return operating hours; empty where there are none."""
+    return "" if hours is None else f"{hours:.0f}"
+
+
+def _pool_lines(found: Recalibration) -> list[str]:
+    """Return which predictions are pooled over sensors of the type."""
+    lines: list[str] = []
+    if found.pool is not None:
+        count = len(found.history.entries)
+        of_type = f" of type {found.pool.type_name}" if found.pool.type_name else ""
+        lines.append(
+            f"pooled over {len(found.pool.sensors)} sensors{of_type}: "
+            f"{', '.join(found.pool.sensors)}; the sensor itself has {count} "
+            f"calibration{'s' * (count > 1)}"
+        )
+    apart = [one.name for one in found.rows if one.is_apart]
+    if apart:
+        lines.append(
+            f"{', '.join(apart)}: not pooled, for the sensor's own calibrations scatter more than "
+            "those of its type"
+        )
+    return lines
+
+
 def recalibration_lines(found: Recalibration) -> list[str]:
     """Return what follows for the next calibration."""
     if not found.rows:
@@ -31,7 +73,11 @@ def recalibration_lines(found: Recalibration) -> list[str]:
             "in the run file, or the largest U by --limit"
         ]
     if found.years is None:
-        return ["no date of the next calibration: a prediction takes three calibrations or more"]
+        return [
+            "no date of the next calibration: a prediction takes three calibrations or more, or "
+            "sensors of the same type with two each; state [job] model, or name them by --like",
+            *_pool_lines(found),
+        ]
     by = found.decided_by
     reason = (
         "never more than twice the longest interval that was seen"
@@ -41,7 +87,9 @@ def recalibration_lines(found: Recalibration) -> list[str]:
     text = f"next calibration by {found.date}, after {interval_text(found.years)} days: {reason}"
     if found.years == 0:
         text = f"next calibration now: {by} exceeds its limit by the prediction"
-    lines = [text]
+    lines = [text, *_pool_lines(found)]
+    if (reading := found.operating_hours) is not None:
+        lines.append(f"at the latest at {reading:.0f} operating hours, by the time in use")
     if (hours := found.hours_in_use) is not None:
         lines.append(f"that is {hours:.0f} hours of use")
     return lines

@@ -1,4 +1,4 @@
-"""Control charts of repeated vectors: Shewhart, EWMA, T² and MEWMA.
+"""Control charts of repeated vectors: Shewhart, EWMA or CUSUM, T² and MEWMA.
 
 A point is the difference d_t of p values to their reference, with the covariance V_t of a point and
 R_t of the reference, which all points have in common::
@@ -8,6 +8,8 @@ R_t of the reference, which all points have in common::
     T²         dᵀ (V + R)⁻¹ d                                      of all together
     MEWMA      w_t = (1 − λ) w_{t−1} + λ V^−½ d,
                wᵀ (λ/(2 − λ) I + V^−½ R V^−½)⁻¹ w
+
+A CUSUM chart (`cusum`) may take the place of the EWMA.
 
 The error of the reference is the same in all points, so that it does not average in w. Each
 statistic is compared with a limit h, that of χ² where V is known. Where V was estimated from few
@@ -25,10 +27,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.uncertainty.cusum import cusum_limit, cusum_sums
 from inercal.uncertainty.run_lengths import chart_limit, wider_limit
 
-ChartKind = Literal["Shewhart", "EWMA", "T²", "MEWMA"]
+ChartKind = Literal["Shewhart", "EWMA", "CUSUM", "T²", "MEWMA"]
 KINDS: tuple[ChartKind, ...] = get_args(ChartKind)
+LastingKind = Literal["EWMA", "CUSUM"]
+"""Of the charts of small lasting changes of one value."""
+_DRAWN = 4  # kinds: only one of the lasting ones
 EWMA_WEIGHT, MEWMA_WEIGHT = 0.2, 0.1
 """λ of both charts."""
 
@@ -39,27 +45,29 @@ class ChartLimits:
 
     Parameters
     ----------
-    shewhart, ewma : (p,) arrays
+    shewhart, lasting : (p,) arrays
     t2, mewma : float
     run_length : float
         ARL₀ of all charts together.
+    lasting_kind : "EWMA" or "CUSUM"
     """
 
     shewhart: Array
-    ewma: Array
+    lasting: Array
     t2: float
     mewma: float
     run_length: float
+    lasting_kind: LastingKind = "EWMA"
 
     @property
     def single_run_length(self) -> float:
-        """ARL₀ of the Shewhart or EWMA chart of one value."""
-        return self.run_length * len(KINDS) * len(self.shewhart)
+        """ARL₀ of the Shewhart, EWMA or CUSUM chart of one value."""
+        return self.run_length * _DRAWN * len(self.shewhart)
 
     @property
     def joint_run_length(self) -> float:
         """ARL₀ of T² or MEWMA."""
-        return self.run_length * len(KINDS)
+        return self.run_length * _DRAWN
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +76,13 @@ class ChartValues:
 
     Parameters
     ----------
-    shewhart, ewma : (n, p) arrays
-        Signed: in standard deviations.
+    shewhart, lasting : (n, p) arrays
+        Signed: in standard deviations. Of a CUSUM the larger sum.
     t2, mewma : (n,) arrays
     """
 
     shewhart: Array
-    ewma: Array
+    lasting: Array
     t2: Array
     mewma: Array
 
@@ -82,13 +90,15 @@ class ChartValues:
         """Return which points are beyond each kind's limits, (n,) or (n, p) arrays of bool."""
         return {
             "Shewhart": self.shewhart**2 > limits.shewhart,
-            "EWMA": self.ewma**2 > limits.ewma,
+            limits.lasting_kind: self.lasting**2 > limits.lasting,
             "T²": self.t2 > limits.t2,
             "MEWMA": self.mewma > limits.mewma,
         }
 
 
-def chart_limits(run_length: float, dof: Array, joint_dof: float) -> ChartLimits:
+def chart_limits(
+    run_length: float, dof: Array, joint_dof: float, lasting: LastingKind = "EWMA"
+) -> ChartLimits:
     """Return the limits of the charts of p values.
 
     Parameters
@@ -99,25 +109,38 @@ def chart_limits(run_length: float, dof: Array, joint_dof: float) -> ChartLimits
         Degrees of freedom of each value's variance; infinite where it is known.
     joint_dof : float
         Of their covariance.
+    lasting : "EWMA" or "CUSUM"
     """
     p = len(dof)
-    joint, single = run_length * len(KINDS), run_length * len(KINDS) * p
-
-    def of(length: float, weight: float, size: int, nu: float) -> float:
-        limit = chart_limit(length, weight, size)
-        return limit if np.isinf(nu) else wider_limit(limit, size, nu)
-
+    joint, single = run_length * _DRAWN, run_length * _DRAWN * p
     return ChartLimits(
-        np.array([of(single, 1.0, 1, nu) for nu in dof.tolist()]),
-        np.array([of(single, EWMA_WEIGHT, 1, nu) for nu in dof.tolist()]),
-        of(joint, 1.0, p, joint_dof),
-        of(joint, MEWMA_WEIGHT, p, joint_dof),
+        np.array([_limit(single, 1.0, 1, nu) for nu in dof.tolist()]),
+        np.array([lasting_limit(single, nu, lasting) for nu in dof.tolist()]),
+        _limit(joint, 1.0, p, joint_dof),
+        _limit(joint, MEWMA_WEIGHT, p, joint_dof),
         run_length,
+        lasting,
     )
 
 
+def lasting_limit(run_length: float, dof: float, kind: LastingKind) -> float:
+    """Return the limit of the square of the chart of small lasting changes of one value."""
+    if kind == "CUSUM":
+        return cusum_limit(run_length, dof) ** 2
+    return _limit(run_length, EWMA_WEIGHT, 1, dof)
+
+
+def _limit(length: float, weight: float, size: int, dof: float) -> float:
+    limit = chart_limit(length, weight, size)
+    return limit if np.isinf(dof) else wider_limit(limit, size, dof)
+
+
 def chart_values(
-    difference: Array, point: Array, reference: Array, restarts: Sequence[int] = ()
+    difference: Array,
+    point: Array,
+    reference: Array,
+    restarts: Sequence[int] = (),
+    lasting: LastingKind = "EWMA",
 ) -> ChartValues:
     """Return the statistics of points in the order of time.
 
@@ -129,6 +152,7 @@ def chart_values(
         V and R.
     restarts : sequence of int
         Points at which the charts that weigh the past begin anew.
+    lasting : "EWMA" or "CUSUM"
     """
     n, p = difference.shape
     of_point = np.diagonal(point, axis1=1, axis2=2)
@@ -146,6 +170,11 @@ def chart_values(
         ewma[t] = single / np.sqrt(variance + of_reference[t] / of_point[t])
         spread = joint_variance * np.eye(p) + root @ reference[t] @ root.T
         mewma[t] = joint @ np.linalg.solve(spread, joint)
+    if lasting == "CUSUM":
+        up, down = cusum_sums(
+            difference / np.sqrt(of_point), np.sqrt(of_reference / of_point), restarts
+        )
+        ewma = np.where(up >= down, up, -down)
     return ChartValues(
         difference / np.sqrt(of_point + of_reference),
         ewma,

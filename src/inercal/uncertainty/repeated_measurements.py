@@ -16,6 +16,7 @@ sessions, X that of θ, P = V⁻¹ − V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹ and Z
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +127,19 @@ def restricted_likelihood(y: Array, x: Array, v: Array) -> tuple[float, Array, A
     return -0.5 * float(size + y @ py), projected, py
 
 
+class MeasurementBlock(NamedTuple):
+    """Measurements that are independent of those of other blocks, y = x θ + e.
+
+    y (n,) has the derivatives x (n, p) by what is free in this block alone, the known covariance
+    (n, n), and for each effect c a factor H_c (n, r).
+    """
+
+    y: Array
+    x: Array
+    covariance: Array
+    factors: Sequence[Array]
+
+
 def restricted_variances(
     y: Array, x: Array, covariance: Array, factors: Sequence[Array], start: Array
 ) -> EffectVariances:
@@ -144,28 +158,41 @@ def restricted_variances(
     EffectVariances
         0 for an effect that only θ sees, such as a random walk between two times beside a slope.
     """
-    parts: list[Array] = [h @ h.T for h in factors]
+    return pooled_variances((MeasurementBlock(y, x, covariance, factors),), start)
 
-    def likelihood(variance: Array) -> tuple[float, Array, Array]:
-        v = covariance + sum(s * z for s, z in zip(variance, parts, strict=True))
-        return restricted_likelihood(y, x, v)
 
-    _, projected, _ = likelihood(start)
-    whole = covariance + sum(s * z for s, z in zip(start, parts, strict=True))
-    seen = np.array([_is_seen(projected, whole, h) for h in factors], dtype=bool)
+def pooled_variances(blocks: Sequence[MeasurementBlock], start: Array) -> EffectVariances:
+    """Return the variances σ_c² ≥ 0 that all blocks have in common, as `restricted_variances`."""
+    parts = [[h @ h.T for h in one.factors] for one in blocks]
+
+    def covariances(variance: Array) -> list[Array]:
+        return [
+            one.covariance + sum(s * z for s, z in zip(variance, of_block, strict=True))
+            for one, of_block in zip(blocks, parts, strict=True)
+        ]
+
+    def likelihood(variance: Array) -> tuple[float, list[tuple[Array, Array]]]:
+        found = [
+            restricted_likelihood(one.y, one.x, v)
+            for one, v in zip(blocks, covariances(variance), strict=True)
+        ]
+        return sum(one[0] for one in found), [(one[1], one[2]) for one in found]
+
+    count = len(start)
+    seen = _are_seen(blocks, covariances(start), [one[0] for one in likelihood(start)[1]])
     variance = np.where(seen, start, 0.0)
-    value, projected, py = likelihood(variance)
+    value, projections = likelihood(variance)
     converged = False
-    information = np.eye(len(factors))
+    information = np.eye(count)
     for _ in range(_STEPS):
-        score, information = _score(projected, py, factors)
+        score, information = _score(blocks, projections)
         free = seen & ((variance > 0) | (score > 0))
         size = np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled = score / size
         if np.all(np.abs(scaled[free]) <= _PRECISION):
             converged = True
             break
-        step = np.zeros(len(factors))
+        step = np.zeros(count)
         correlation = (information / np.outer(size, size))[np.ix_(free, free)]
         step[free] = np.linalg.lstsq(correlation, scaled[free], rcond=1e-12)[0] / size[free]
         for _ in range(_HALVINGS):
@@ -177,17 +204,27 @@ def restricted_variances(
         else:
             converged = True  # no step raises the likelihood
             break
-        variance, (value, projected, py) = trial, found
+        variance, (value, projections) = trial, found
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     correlation = information / np.outer(size, size)
     inverse = np.linalg.pinv(correlation, hermitian=True) / np.outer(size, size)
     return EffectVariances(variance, inverse, converged)
 
 
-def _is_seen(projected: Array, v: Array, factor: Array) -> bool:
-    """Return whether an effect moves more than what is free: tr HᵀPH against tr HᵀV⁻¹H."""
-    whole = float(np.sum(factor * np.linalg.solve(v, factor)))
-    return float(np.sum(factor * (projected @ factor))) > _LEAST_SEEN * whole
+def _are_seen(
+    blocks: Sequence[MeasurementBlock], covariances: Sequence[Array], projected: Sequence[Array]
+) -> NDArray[np.bool_]:
+    """Return whether effects move more than what is free: Σ tr HᵀPH against Σ tr HᵀV⁻¹H."""
+    found: list[bool] = []
+    for c in range(len(blocks[0].factors)):
+        factors = [one.factors[c] for one in blocks]
+        whole = sum(
+            float(np.sum(h * np.linalg.solve(v, h)))
+            for h, v in zip(factors, covariances, strict=True)
+        )
+        left = sum(float(np.sum(h * (p @ h))) for h, p in zip(factors, projected, strict=True))
+        found.append(left > _LEAST_SEEN * whole)
+    return np.array(found, dtype=bool)
 
 
 def _first_variance(values: Array, effect: RandomEffect) -> float:
@@ -196,11 +233,17 @@ def _first_variance(values: Array, effect: RandomEffect) -> float:
     return 0.5 * float(spread[size > 0].mean() / size[size > 0].mean())
 
 
-def _score(projected: Array, py: Array, factors: Sequence[Array]) -> tuple[Array, Array]:
-    by: list[Array] = [projected @ h for h in factors]
-    score = [
-        0.5 * (float(np.sum(np.square(h.T @ py))) - float(np.sum(h * ph)))
-        for h, ph in zip(factors, by, strict=True)
-    ]
-    information = [[0.5 * float(np.sum(np.square(h.T @ ph))) for ph in by] for h in factors]
-    return np.array(score), np.array(information)
+def _score(
+    blocks: Sequence[MeasurementBlock], projections: Sequence[tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    count = len(blocks[0].factors)
+    score, information = np.zeros(count), np.zeros((count, count))
+    for block, (projected, py) in zip(blocks, projections, strict=True):
+        factors = block.factors
+        by: list[Array] = [projected @ h for h in factors]
+        score += [
+            0.5 * (float(np.sum(np.square(h.T @ py))) - float(np.sum(h * ph)))
+            for h, ph in zip(factors, by, strict=True)
+        ]
+        information += [[0.5 * float(np.sum(np.square(h.T @ ph))) for ph in by] for h in factors]
+    return score, information

@@ -69,7 +69,7 @@ def head_map(
     place, n = _positions(angle)
     if not 1 <= harmonics < n / 2:
         raise InputError(
-            f"{n} positions cannot tell harmonic {harmonics} from harmonic {n - harmonics}: "
+            f"{n} positions do not determine harmonic {harmonics} of a head: "
             f"measure at more than {2 * harmonics} positions, or qualify fewer harmonics",
             key="[measurement] harmonics",
         )
