@@ -59,11 +59,11 @@ def _bytes(found: Distribution, path: object) -> int:
 def _licence(found: Distribution) -> str:
     """Return what the metadata state: an SPDX expression, a short name, or the classifiers."""
     meta = found.metadata
-    if expression := meta.get("License-Expression"):
-        return expression
+    if expressions := meta.get_all("License-Expression"):
+        return expressions[0]
     classes = [one for one in meta.get_all("Classifier") or [] if one.startswith(_OSI)]
     stated = ", ".join(one.removeprefix(_OSI) for one in classes)
-    stated = stated or (meta.get("License") or "").strip()
+    stated = stated or "".join(meta.get_all("License") or []).strip()
     if not stated or len(stated) > _LONGEST or "\n" in stated:
         stated = stated.split("\n")[0][:_LONGEST] or "not stated"
     return _FORMS.get(stated, stated)
