@@ -8,7 +8,16 @@ import pytest
 from playwright.sync_api import Browser
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("index", "tutorials/first-calibration", "reference/run-file", "reference/python")
+PAGES = (
+    "index",
+    "tutorials/first-calibration",
+    "notebooks/compare_methods",
+    "notebooks/noise_to_filter",
+    "notebooks/quickstart",
+    "reference/run-file",
+    "reference/python",
+    "reference/dependencies",
+)
 
 
 @pytest.fixture(scope="module")

@@ -214,11 +214,12 @@ def test_python_of_every_page_is_run_by_a_test():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(SCRIPTS))
 def test_python_of_a_page_runs_as_a_script(name: str, tmp_path: Path):
-    shutil.copytree(ROOT / "examples" / "verdict", tmp_path, dirs_exist_ok=True)
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    folder = tmp_path / "examples" / "verdict"  # of the run file that one of them names
     text = (ROOT / name).read_text(encoding="utf-8")
     for k, code in enumerate(re.findall(r"```python\n(.*?)```", text, flags=re.S)):
-        script = tmp_path / f"snippet_{k}.py"
+        script = folder / f"snippet_{k}.py"
         script.write_text(code.replace("trials=400", "trials=40"), encoding="utf-8")
         command = [sys.executable, "-W", "error", script.name]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
