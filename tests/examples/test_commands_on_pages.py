@@ -15,6 +15,7 @@ import typer.main
 from pydantic import ValidationError
 from tests.examples.test_docs import DOCS, PAGES, ROOT
 from tests.program import run_program
+from typer.exceptions import TyperException
 
 from inercal.benches.kinds import KINDS
 from inercal.cli.app import app
@@ -25,6 +26,7 @@ _CONSOLE = re.compile(r"^```console\n(.*?)^```", re.M | re.S)
 _INLINE = re.compile(r"`inercal ([a-z][^`]*)`")
 _OPERATORS = {";", "&&", "|", ">", "<"}
 OTHERS = {"cp", "dask", "echo", "make", "pip", "python"}
+INCOMPLETE = {"MissingParameter", "BadOptionUsage"}  # a verb or an option is named, not shown
 WHOLE = {"sensor", "bench", "data", "method"}
 # How many commands at the begin of a page name files of the examples, or what was written before.
 RUN = {
@@ -115,16 +117,27 @@ def test_every_command_of_a_page_fits_the_arguments_of_its_verb(path: Path):
             assert program in OTHERS, program
 
 
+def too_much(command: Any, words: list[str]) -> str:
+    """Return what a verb says of words that it does not take; arguments may be left out."""
+    try:
+        command.make_context("inercal", list(words))
+    except TyperException as error:
+        return "" if type(error).__name__ in INCOMPLETE else str(error)
+    return ""
+
+
 @pytest.mark.parametrize("path", PAGES, ids=identifier)
 def test_verbs_and_options_within_a_text_exist(path: Path):
     for text in _INLINE.findall(path.read_text(encoding="utf-8")):
-        words = [word for word in text.split() if word != "…"]
+        words = [word for word in shlex.split(text) if word != "…"]
         groups = typer.main.get_command(app).commands  # type: ignore[attr-defined]
         if words[0].isupper() or (words[0] in groups and len(words) == 1):
             continue
         command, rest = verb_of(words)
         known = {name for one in command.params for name in (*one.opts, *one.secondary_opts)}
         assert {word.split("=")[0] for word in rest if word.startswith("--")} <= known, text
+        surplus = "" if "…" in text else too_much(command, rest)
+        assert not surplus, f"{text}: {surplus}"
 
 
 def test_every_target_of_make_on_a_page_exists():
