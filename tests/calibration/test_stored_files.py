@@ -41,6 +41,13 @@ def test_a_file_of_every_schema_that_the_code_names_is_stored():
     assert {path.name.split(".")[0] for path in STORED.iterdir()} == named
 
 
+def test_the_page_of_what_stays_stable_lists_every_stored_schema():
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "stability.md").read_text("utf-8")
+    for path in STORED.iterdir():
+        kind, number = path.name.split(".")[0].rsplit("_", 1)
+        assert f"`inercal/{kind}/{number}`" in text
+
+
 @pytest.mark.parametrize("name", ["calibration_1", "calibration_2"])
 def test_a_calibration_has_the_numbers_of_its_file(name: str):
     found, written = load(stored(name)), content(name)

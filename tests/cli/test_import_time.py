@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-REPEAT = 5
+REPEAT = 3
 IMPORT, HELP, CALIBRATE = 0.6, 4.5, 8.0  # times the import of NumPy; 0.3, 2.7 and 5.1 when set
 
 

@@ -22,6 +22,8 @@ def test_a_register_of_every_revision_is_stored():
     versions = Path(inercal.store.__file__).parent / "migrations" / "versions"
     made = {found[1] for one in versions.iterdir() if (found := re.match(r"r(\d{4})_", one.name))}
     assert {revision(path) for path in STORED} == made
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "stability.md").read_text("utf-8")
+    assert f"revisions {min(made)} to {max(made)}" in page
 
 
 @pytest.mark.parametrize("path", STORED, ids=revision)
