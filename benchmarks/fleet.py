@@ -24,7 +24,7 @@ from inercal.fleet.line import Line, SensorRow, read_line
 from inercal.fleet.recordings import Version
 from inercal.parallel import available_cores, open_tolerant_executor
 
-SENSORS, EACH = 400, 1667  # recordings, samples of each position
+SENSORS, EACH = 2000, 1667  # recordings, samples of each position
 LOOP = 5  # calls of `inercal calibrate` by which a loop over the program is judged
 REPORTED = 100_000  # sensors
 SIZES = (1_000, 10_000, 100_000)  # tasks that compute nothing

@@ -25,6 +25,7 @@ from inercal.io.write import write_recordings
 from inercal.methods import METHODS, Method
 from inercal.pipeline import calibrate, simulate_files
 from inercal.runfile import read, schema
+from inercal.runfile.noise_data_sheet import DataSheetFile
 from inercal.sensors import SI_UNITS
 from inercal.sensors.coefficient_tables import ACCELEROMETER, GYRO, ErrorTerm
 from inercal.store import FileEntry, Register, RunEntry
@@ -203,6 +204,8 @@ def test_toml_on_a_page_is_a_part_of_a_run_file(path: Path):
         content = tomllib.loads(text)
         if "qualification" in content:
             assert set(content) <= {"qualification", "measurement"}
+        elif "datasheet" in content:
+            DataSheetFile.model_validate(content)
         elif "frame" not in content:  # of packets, which tests/host reads
             assert set(content) <= set(schema.RunSchema.model_fields)
 

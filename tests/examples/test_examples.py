@@ -90,6 +90,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {f"qualify/{name}.toml" for name in ("gravity", "head", "radius", "rate", "tumble")}
     run |= {"check_standard/job.toml"}  # by tests/check_standard/test_control_example.py
     run |= {"fleet/run.toml"}  # by tests/fleet/test_fleet_commands.py
+    run |= {"noise/data_sheet.toml"}  # by tests/noise/test_data_sheet.py
     run |= {"measure/plate.toml"}  # by tests/host/test_guided_example.py
     run |= {"rate_table/ship.toml"}  # by tests/runs/test_rate_table_runs.py
     run |= {"rate_table/ship_bench.toml"}  # by tests/host/test_ship_run.py

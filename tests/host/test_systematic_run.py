@@ -1,4 +1,4 @@
-"""A systematic calibration carried out on a simulated bench, whose readback the method leaves."""
+"""A systematic calibration on a simulated bench, live and from the recording, without readback."""
 
 from pathlib import Path
 
@@ -35,8 +35,13 @@ def test_a_run_on_the_bench_is_calibrated_without_the_angles_it_recorded(tmp_pat
             precompile_run(folder.run)
             with BenchRun(folder, journal, addresses) as process:
                 assert process.execute_plan(), process.trouble
-                assert process.recorder.live_estimator is None
-            outcome = finish_run(folder, journal, None).outcome
+                live = process.recorder.live_estimator
+                assert live is not None
+                assert live.has_estimate
+            outcome = finish_run(folder, journal, live).outcome
+            said = [event for event in journal.events() if "live estimate differs" in event.words]
+    assert [event.level for event in said] == ["info"]
+    assert np.abs((live.values - outcome.calibration.values) / live.std).max() < 4
     calibration = outcome.calibration
     truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
     error = calibration.values - truth

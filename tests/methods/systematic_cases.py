@@ -66,10 +66,17 @@ def table_of(table: made.Table, **changed: float) -> StillTable:
 
 
 def solved(
-    recorded: Any, sensor: Any, bench: Any, means: bool = True, priors: Any = ()
+    recorded: Any,
+    sensor: Any,
+    bench: Any,
+    means: bool = True,
+    priors: Any = (),
+    estimator: str = "",
 ) -> Estimate:
-    """Return the estimate by the method's default."""
-    return METHOD.estimator("")(observations_of(recorded, sensor, means), sensor, bench, (), priors)
+    """Return the estimate by the method's default or by another estimator."""
+    return METHOD.estimator(estimator)(
+        observations_of(recorded, sensor, means), sensor, bench, (), priors
+    )
 
 
 def errors_of(estimate: Estimate, recorded: made.Recorded, sensor: Sensor):

@@ -1,6 +1,7 @@
 """A log that is analysed in blocks gives what it gives at once, in every format, with its gaps."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,18 +9,21 @@ import numpy as np
 import pytest
 from tests.noise.generator import MEMS, draw
 from tests.program import run_program
+from tests.refusals import refused
 
 from inercal.drafts import long_rest_recording
 from inercal.drafts.long_rest_recording import open_long_rest_recording
 from inercal.drafts.rest_recording import read_rest_recording
 from inercal.errors import InputError
+from inercal.io.long_tables import open_long_table
+from inercal.io.size_limits import refuse_too_many_values
 from inercal.noise import NoiseAnalysis, analyse_noise
 from inercal.noise.analysis import candidate_models
 
 N = 200_000
 UNIT = {"sensor.gyro.unit": "rad/s"}
 GAP = slice(120_000, 126_000)
-FORMATS = ["csv", "npz", "data.npz", "parquet"]
+FORMATS = ["csv", "npz", "data.npz", "parquet", "h5", "matrix.h5", "packed.h5"]
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +46,16 @@ def write(folder: Path, kind: str, table: np.ndarray) -> Path:
         np.savez_compressed(path, **dict(zip(names, table.T, strict=True)))
     elif kind == "data.npz":
         np.savez(path, data=table, columns=np.array(names))
+    elif kind.endswith("h5"):
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            if kind == "matrix.h5":
+                file["imu/gyro"], file["time"] = table[:, 1:], table[:, 0]
+            else:
+                for name, column in zip(names, table.T, strict=True):
+                    more = {"chunks": (4096,), "compression": "gzip"} if "packed" in kind else {}
+                    file.create_dataset(name, data=column, **more)
+            file["serial_number"] = np.arange(5)
     else:
         pyarrow = pytest.importorskip("pyarrow")
         parquet = pytest.importorskip("pyarrow.parquet")
@@ -50,8 +64,10 @@ def write(folder: Path, kind: str, table: np.ndarray) -> Path:
     return path
 
 
-def in_blocks(path: Path) -> NoiseAnalysis:
-    found = open_long_rest_recording(path, UNIT, 1000)
+def in_blocks(path: Path, stated: Mapping[str, str] = UNIT) -> NoiseAnalysis:
+    if path.name == "log.matrix.h5":
+        stated = {**stated, "data.gyro": "imu.gyro(1),imu.gyro(2),imu.gyro(3)"}
+    found = open_long_rest_recording(path, stated, 1000)
     assert found is not None
     return found.stream().analysis(candidate_models("NBK"))
 
@@ -78,8 +94,50 @@ def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
             assert abs(a.value - b.value) < 0.3 * b.u
 
 
+def test_a_log_that_is_too_long_for_its_format_says_which_are_read_in_blocks(
+    table: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def too_long(_: Path) -> None:
+        refuse_too_many_values(1e10, 1000, "log.ulg")
+
+    monkeypatch.setattr("inercal.drafts.rest_recording.read_table", too_long)
+    with refused(InputError, key="[data] most_values") as refusal:
+        read_rest_recording(write(tmp_path, "data.npz", table[:100]), UNIT)
+    assert "HDF5" in str(refusal.value)
+
+
 def test_a_short_log_is_read_at_once(table: np.ndarray, tmp_path: Path):
     assert open_long_rest_recording(write(tmp_path, "data.npz", table), UNIT) is None
+
+
+@pytest.mark.parametrize("n", [60_000, N])
+def test_a_drift_with_the_temperature_is_fitted_in_blocks_as_at_once(n: int, tmp_path: Path):
+    rate = draw(replace(MEMS, n=n), 8)[0]
+    celsius = 25 + 8 * np.sin(2 * np.pi * np.arange(n) / n) + 0.01 * np.arange(n) / n
+    slope = 20 * MEMS.unit
+    columns = {"time": MEMS.dt * np.arange(n), "gx": rate + slope * celsius, "gy": rate, "gz": rate}
+    path = tmp_path / "log.npz"
+    np.savez(path, **columns, temperature=celsius)
+    whole = analyse_noise(read_rest_recording(path, UNIT), terms="NBK", kinds=()).channels
+    blocks = in_blocks(path).channels
+    for one, other in zip(blocks, whole, strict=True):
+        assert [term.name for term in one.drift] == [term.name for term in other.drift]
+        for a, b in zip(one.drift, other.drift, strict=True):
+            assert abs(a.value - b.value) < 0.1 * b.u
+        for a, b in zip(one.coefficients, other.coefficients, strict=True):
+            assert abs(a.value - b.value) < 0.3 * b.u
+    found = {term.name: term for term in blocks[0].drift}["temperature"]
+    assert abs(found.value - slope) < 4 * found.u
+    assert not {term.name for term in blocks[1].drift} & {"temperature", "temperature rate"}
+
+
+def test_text_in_an_hdf5_file_is_left_to_the_whole_reader(table: np.ndarray, tmp_path: Path):
+    h5py = pytest.importorskip("h5py")
+    path = write(tmp_path, "h5", table[:2000])
+    assert open_long_table(path, 1000) is not None
+    with h5py.File(path, "a") as file:
+        file["stamp"] = ["2026-01-01"] * 2000
+    assert open_long_table(path, 1000) is None
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from inercal.methods.turntable.model import triad_model
 from inercal.noise import NoiseAnalysis, analyse_noise
 from inercal.noise.filter_file import filter_text
 from inercal.noise.flicker_states import flicker_states
+from inercal.noise.sensor_noise import sensor_noise
 from inercal.recording import Recording
 from inercal.runfile import read
 
@@ -116,7 +117,7 @@ def analysis(terms: str = "NBK") -> NoiseAnalysis:
 def test_the_states_of_the_filter_make_the_allan_deviation_of_the_fit():
     yaml = pytest.importorskip("yaml")
     found = analysis()
-    gyro = yaml.safe_load(filter_text(found, 100.0))["gyro"]
+    gyro = yaml.safe_load(filter_text(sensor_noise(found), 100.0))["gyro"]
     dt, n = gyro["step"], 1 << 20
     white, flicker, walk = (
         np.sqrt(np.mean([one.value(s) ** 2 for one in found.channels])) for s in "NBK"

@@ -362,46 +362,11 @@ case_time = "20 s"
     assert calibrate(exact).calibration.uncertainty("gx.bias") < 0.9 * found.uncertainty("gx.bias")
 
 
-TUMBLE = (HERE.parents[1] / "examples" / "dividing_head" / "tumble.toml").read_text(
-    encoding="utf-8"
-)
-
-
-def tumbled_soaks(folder: Path, order: str, more: str = "") -> Path:
-    """Write the tumble example at four temperatures, with a bias of 200 µg/K."""
-    name = "tumble.csv"
-    header, *rows = (HERE.parents[1] / "examples" / "dividing_head" / name).read_text().split()
-    lines = [f"{header},temp"]
-    for celsius in (0, 20, 40, 60):
-        for angle, volts in (row.split(",") for row in rows):
-            reading = float(volts) + 1.3 * 200e-6 * (celsius - 20)
-            lines.append(f"{angle},{reading:.9f},{celsius}")
-    changes = {
-        'file = "tumble.csv"': 'file = "tumble.csv"\ntemperature = "temp"',
-        'name = "tumble"': f'name = "tumble"\ntemperature_order = {order}\n{more}',
-    }
-    path = written(folder, TUMBLE, changes)
-    (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
-
-
-def test_a_tumble_over_soaks_finds_the_orders_that_it_has(tmp_path: Path):
-    outcome = calibrate(tumbled_soaks(tmp_path, "[2, 0, 0]"))
-    fit, found = outcome.temperature_fit, outcome.calibration
-    assert fit is not None
-    assert fit.orders == {"f": (2, 0, 0)}
-    np.testing.assert_allclose(fit.soaks, np.array([0, 20, 40, 60]) + ZERO_CELSIUS)
-    assert found.value("a.k0_dT") == pytest.approx(200e-6 * 9.80665, rel=1e-2)
-
-
-@pytest.mark.parametrize("order", ["[3, 0, 0]", "[1, 2, 0]", "[1, 0, 1]"])
-def test_an_order_that_the_method_has_only_in_part_is_refused(order: str, tmp_path: Path):
-    with refused(InputError, key="[method] temperature_order"):
-        read(tumbled_soaks(tmp_path, order))
-
-
 def test_a_refusal_over_soaks_names_the_run_file_once(tmp_path: Path):
-    path = tumbled_soaks(tmp_path, '"auto"')
+    path = simulated(tmp_path, HELD)
+    text = path.read_text(encoding="utf-8")
+    order = next(line for line in text.splitlines() if line.startswith("temperature_order"))
+    path.write_text(text.replace(order, 'temperature_order = "auto"'), encoding="utf-8")
     with refused(InputError, key="[method] temperature_order") as refusal:
         calibrate(path)
     assert str(refusal.value).count(str(path)) == 1

@@ -202,3 +202,44 @@ def test_a_run_file_names_the_sensor(log: Path, tmp_path: Path):
         (found,) = opened.noise_history("imu 9")
     assert list(found.coefficients) == ["ax", "ay", "az", "gx", "gy", "gz"]
     assert found.measured_from == "entered"
+
+
+def test_show_states_the_newest_noise_with_its_date_and_u(
+    tmp_path: Path, three: list[NoiseAnalysis]
+):
+    address = str(tmp_path / "register.db")
+    with Register(address) as register:
+        register.enter_noise(three[0], "gyro 7", "2026-01-01")
+        register.enter_noise(three[2], "gyro 7", "2026-03-01")
+    done = run_program("store", "show", "gyro 7", "--register", address)
+    assert done.status == 0, done.error
+    rows = [
+        [cell.strip() for cell in line.strip("│ ").split("│")]
+        for line in done.output.splitlines()
+        if line.startswith("│")
+    ]
+    white = {row[0]: row for row in rows if row[1] == "N"}
+    for channel in three[2].channels:
+        found, size = channel.coefficient("N"), np.radians(1) / 60
+        assert found is not None
+        value, spread, unit, date, number = white[channel.channel][2:]
+        assert float(value) == pytest.approx(found.value / size, rel=0.01)
+        assert float(spread) == pytest.approx(2 * found.u / size, rel=0.05)
+        assert (unit, date, number) == ("°/√h", "2026-03-01", "2")
+    found_json = run_program("store", "show", "gyro 7", "--register", address, "--json")
+    content = json.loads(found_json.output)
+    assert content["calibrations"] == content["runs"] == []
+    assert [one["measured"][:10] for one in content["noise"]] == ["2026-01-01", "2026-03-01"]
+
+
+def test_a_sensor_without_calibrations_has_a_page_of_its_noise(
+    tmp_path: Path, three: list[NoiseAnalysis]
+):
+    address, page = str(tmp_path / "register.db"), tmp_path / "history.html"
+    entered(address, three)
+    done = run_program("store", "history", "gyro 7", "--register", address, "--out", page)
+    assert done.status == 0, done.error
+    text = page.read_text(encoding="utf-8")
+    assert 'id="noise"' in text
+    assert "rest3.csv" in text
+    assert "2026-01-01 to 2026-03-01" in text

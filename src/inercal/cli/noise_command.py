@@ -1,24 +1,33 @@
 """`inercal noise`: the noise of a sensor at rest, from its recording."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from inercal.cli.console import print_json, print_written_files, progress_status
+from inercal.cli.noise_outputs import NoiseFiles
 
 if TYPE_CHECKING:
     from inercal.drafts.long_rest_recording import LongRestRecording
     from inercal.noise import NoiseAnalysis
+    from inercal.noise.data_sheet import DataSheetNoise
     from inercal.recording import Recording
 
 NAME = "noise"
 
 
 def run(
-    recording: Path = typer.Argument(
-        help="A recording at rest, or the run file (.toml) whose \\[data] names it."
+    recording: Path | None = typer.Argument(
+        None, help="A recording at rest, or the run file (.toml) whose \\[data] names it."
+    ),
+    datasheet: Path | None = typer.Option(
+        None,
+        "--datasheet",
+        metavar="FILE",
+        help="A file (.toml) with the noise that a data sheet states: alone to import it, with a "
+        "recording to compare both.",
     ),
     stated: list[str] = typer.Option(
         [],
@@ -83,21 +92,28 @@ def run(
 ) -> None:
     """Find noise, bias instability and random walk of a sensor at rest, and its disturbances."""
     from inercal.cli.noise_view import print_analysis
-    from inercal.cli.outputs import PAGE, RUN_FILE, OutputKind, check_outputs
-    from inercal.io.atomic_files import keep_previous, write_text
-    from inercal.noise.writers import WRITERS
+    from inercal.cli.outputs import PAGE, check_outputs
 
     _check_choices(method, spacing, to, horizon)
     bands = [_band(one) for one in skip_band]
+    if recording is None:
+        of_recording = {
+            "--set": stated, "--terms": terms, "--method": method != "likelihood",
+            "--taus": spacing != "octave", "--skip-disturbed": skip_disturbed,
+            "--skip-band": skip_band, "--report": report, "--register": register,
+            "--sensor": sensor, "--measured": measured, "--by": by,
+        }  # fmt: skip
+        _import_data_sheet(
+            datasheet, of_recording, NoiseFiles(to, horizon, section, out, force), json=json
+        )
+        return
     name = _sensor_name(recording, sensor, measured, by, register)
+    sheet = None if datasheet is None else _read_data_sheet(datasheet)
     pages = {"page": out / f"{recording.stem}.noise.html"} if report else {}
-    texts = {one: out / f"{recording.stem}.{one}.yaml" for one in to}
-    kinds = dict.fromkeys(pages.values(), PAGE)
-    kinds |= dict.fromkeys(texts.values(), OutputKind("noise file", b"# inercal noise"))
-    check_outputs(kinds, [recording], force=force or None)
-    if section is not None:
-        inputs = [] if force and section == recording else [recording]
-        check_outputs({section: RUN_FILE}, inputs, force=force)
+    inputs = [recording] if datasheet is None else [recording, datasheet]
+    check_outputs(dict.fromkeys(pages.values(), PAGE), inputs, force=force or None)
+    targets = NoiseFiles(to, horizon, section, out, force)
+    targets.check(recording.stem, inputs)
     if report:
         from inercal.report import require_report_packages
 
@@ -125,27 +141,31 @@ def run(
                 keep_disturbed=not skip_disturbed,
                 skipped_bands=bands,
             )
-    # All texts before the first is written: what refuses one leaves no other.
-    contents = {one: WRITERS[one](analysis, horizon) for one in texts}
-    merged = "" if section is None else _merged_run_file(analysis, section)
-    files: dict[str, Path | str] = {}
-    for one, path in texts.items():
-        files[one] = write_text(path, contents[one])
-    if section is not None:
-        keep_previous(section)
-        files["run_file"] = write_text(section, merged)
-    for name, path in pages.items():
+    from inercal.noise.data_sheet_comparison import compare_with_sheet
+    from inercal.noise.sensor_noise import sensor_noise
+
+    compared = () if sheet is None else compare_with_sheet(analysis, sheet)
+    files = targets.write(recording.stem, sensor_noise(analysis))
+    for kind, path in pages.items():
         from inercal.report import write_noise
 
-        files[name] = write_noise(analysis, readings, path)
+        files[kind] = write_noise(analysis, readings, path, sheet)
     entered = None if register is None else _enter(analysis, register, name, measured, by)
     if json:
         from inercal.noise.analysis_object import analysis_object
 
         content = analysis_object(analysis) | {key: str(path) for key, path in files.items()}
+        if sheet is not None:
+            from inercal.cli.data_sheet_view import sheet_object
+
+            content["data_sheet"] = sheet_object(sheet, compared)
         print_json(content if entered is None else content | {"entered": entered})
         return
     print_analysis(analysis)
+    if sheet is not None:
+        from inercal.cli.data_sheet_view import print_comparison_with_sheet
+
+        print_comparison_with_sheet(compared, sheet)
     print_written_files(files)
     if entered is not None:
         print(f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}")
@@ -286,20 +306,38 @@ def _read(path: Path, stated: Sequence[str]) -> "Recording":
     return in_si(recording, [axis.readout for axis in chosen], units)
 
 
-def _merged_run_file(analysis: "NoiseAnalysis", path: Path) -> str:
-    """Return the text of a run file with the noise in its sections."""
-    import tomllib
+def _read_data_sheet(path: Path) -> "DataSheetNoise":
+    from inercal.runfile.noise_data_sheet import read_noise_data_sheet
 
+    return read_noise_data_sheet(path)
+
+
+def _import_data_sheet(
+    path: Path | None, of_recording: Mapping[str, object], targets: NoiseFiles, *, json: bool
+) -> None:
+    """Print the noise of a data sheet and write its files."""
     from inercal.errors import InputError
-    from inercal.noise.noise_files import merge_sections, run_file_sections
 
-    text = path.read_text(encoding="utf-8") if path.exists() else ""
-    merged = merge_sections(text, run_file_sections(analysis))
-    try:
-        tomllib.loads(merged)
-    except tomllib.TOMLDecodeError as error:
+    if path is None:
         raise InputError(
-            f"{path}: the noise cannot be written into this file ({error}): write to a new file",
-            file=path,
-        ) from None
-    return merged
+            "give a recording at rest or its run file, or --datasheet FILE to import the noise of "
+            "a data sheet",
+            key="RECORDING",
+        )
+    for option, value in of_recording.items():
+        if value:
+            raise InputError(
+                f"{option} is of a recording, and only a data sheet is given: add a recording, or "
+                "leave the option out",
+                key=option,
+            )
+    sheet = _read_data_sheet(path)
+    targets.check(path.stem, [path])
+    files = targets.write(path.stem, sheet.sensor_noise)
+    from inercal.cli.data_sheet_view import print_sheet, sheet_object
+
+    if json:
+        print_json({"data_sheet": sheet_object(sheet)} | {k: str(one) for k, one in files.items()})
+        return
+    print_sheet(sheet)
+    print_written_files(files)

@@ -7,9 +7,31 @@ from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, make_table, number_column
 from inercal.cli.terminal import terminal
 from inercal.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
-from inercal.store.noise_history_text import HEADS, change_lines, trend_rows
+from inercal.store.noise_history_text import (
+    HEADS,
+    NEWEST_HEADS,
+    change_lines,
+    newest_rows,
+    trend_rows,
+)
 
-_NUMBERS = ("number", "first", "newest", "U (k = 2)", "E_n")
+_NUMBERS = ("number", "first", "newest", "value", "U (k = 2)", "E_n")
+
+
+def print_newest_noise(entries: Sequence[NoiseEntry]) -> None:
+    """Print the newest value of each coefficient of the noise, with its date and U."""
+    if not entries:
+        return
+    table = make_table(
+        *(number_column(one) if one in _NUMBERS else one for one in NEWEST_HEADS), title="noise"
+    )
+    channel = ""
+    for row in newest_rows(noise_trends(tuple(entries))):
+        if row[0] != channel:
+            table.add_section()
+        channel = row[0]
+        add_row(table, *row)
+    terminal().print(table)
 
 
 def print_noise_history(entries: Sequence[NoiseEntry]) -> None:

@@ -71,8 +71,9 @@ def show(
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Show a sensor with its calibrations and runs, or all data of one calibration."""
+    """Show a sensor with its calibrations, runs and noise, or all data of one calibration."""
     from inercal.cli import store_view
+    from inercal.cli.noise_history_view import noise_object_list, print_newest_noise
     from inercal.store import Register
 
     with Register(register, create=False) as opened:
@@ -89,6 +90,7 @@ def show(
         limit = _limit(everything, json)
         calibrations = opened.calibrations(sensor.id, limit)
         runs = opened.runs(sensor.id, limit)
+        noise = opened.noise_history(sensor.id)
         if json:
             parts = {"calibrations": calibrations, "runs": runs}
             print_json(
@@ -97,9 +99,11 @@ def show(
                     name: [store_view.entry_object(one) for one in part]
                     for name, part in parts.items()
                 }
+                | {"noise": noise_object_list(noise)}
             )
         else:
             store_view.print_sensor(sensor, calibrations, runs, limit)
+            print_newest_noise(noise)
 
 
 @app.command()
@@ -140,8 +144,8 @@ def history(
 
             check_outputs({out: PAGE}, opened.files)
         entry, noise = opened.sensor(sensor), opened.noise_history(sensor)
-        if noise and not entry.calibrations and out is None and not coefficients:
-            _print_noise_alone(entry, noise, json=json)
+        if noise and not entry.calibrations and not coefficients:
+            _print_noise_alone(entry, noise, out, json=json)
             return
         found = opened.history(sensor)
     chosen = found.select(coefficients or ())
@@ -167,17 +171,25 @@ def history(
         print(f"wrote {out}")
 
 
-def _print_noise_alone(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", *, json: bool) -> None:
-    """Print the noise over time of a sensor that was never calibrated."""
+def _print_noise_alone(
+    sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", out: Path | None, *, json: bool
+) -> None:
+    """Print the noise over time of a sensor that was never calibrated, and write its page."""
     from inercal.cli import store_view
     from inercal.cli.noise_history_view import noise_object_list, print_noise_history
 
+    if out is not None:
+        from inercal.report import write_noise_history
+
+        write_noise_history(sensor, noise, out)
     if json:
         content = {"sensor": store_view.entry_object(sensor), "noise": noise_object_list(noise)}
-        print_json(content)
+        print_json(content | ({} if out is None else {"page": str(out)}))
         return
     print(f"{sensor.name}: no calibration yet")
     print_noise_history(noise)
+    if out is not None:
+        print(f"wrote {out}")
 
 
 @app.command()

@@ -18,7 +18,7 @@ from inercal.errors import InputError
 from inercal.io.long_tables import LongTable, open_long_table
 from inercal.noise import NoiseStream
 from inercal.noise.pieces import FEW_LOST, JITTER, LOST_SHARE
-from inercal.units import si_factor
+from inercal.units import si_factor, to_si
 
 LONG_VALUES = 1 << 26
 """Rows times columns, above which a recording is analysed in blocks."""
@@ -49,7 +49,8 @@ class LongRestRecording:
         columns, source = self.layout.columns, str(self.table.path)
         stamped = columns.time is not None and columns.rate_hz is None
         names = [column for _, column, _ in columns.channels]
-        wanted = [*names, columns.time] if stamped and columns.time is not None else names
+        warm = [] if columns.temperature is None else [columns.temperature]
+        wanted = [*names, *warm, *([columns.time] if stamped and columns.time is not None else [])]
         offsets = np.array([one.offset for one in self.layout.readouts])
         scales = np.array([one.scale for one in self.layout.readouts])
         blocks = _finite(self.table.read(wanted), source)
@@ -63,10 +64,13 @@ class LongRestRecording:
         stream = NoiseStream(dt, axes, self.layout.units, source)
         for block in _chained(first, blocks):
             values = (block[:, : len(names)] - offsets) / scales
+            kelvin = None
+            if warm:
+                kelvin = to_si(block[:, len(names)], columns.temperature_unit, like="K")
             if clock is None:
-                stream.add(values)
+                stream.add(values, kelvin)
             else:
-                clock.add(block[:, -1], values, stream)
+                clock.add(block[:, -1], values, kelvin, stream)
         if clock is not None:
             clock.finish(stream)
         return stream
@@ -80,7 +84,7 @@ def open_long_rest_recording(
     Parameters
     ----------
     log : Path
-        Plain text, Parquet or .npz, whose columns are all numbers; others are read at once.
+        Plain text, Parquet, .npz or HDF5, whose columns are all numbers; others are read at once.
     stated : mapping of str to str
         As of `read_rest_recording`.
     most_values : int, optional
@@ -155,8 +159,8 @@ class _Clock:
         self._plain_time, self._plain_steps = 0.0, 0
         self._closed, self._closed_gaps, self._rows = 0, 0, 0
 
-    def add(self, stamps: Array, values: Array, stream: NoiseStream) -> None:
-        """Give the samples of a block to the stream, parted at gaps."""
+    def add(self, stamps: Array, values: Array, kelvin: Array | None, stream: NoiseStream) -> None:
+        """Give the samples of a block, with their temperatures, to the stream, parted at gaps."""
         time = stamps * self._unit
         steps = np.diff(time, prepend=self._last)
         if (bad := np.flatnonzero(~(steps > 0))).size:
@@ -178,7 +182,7 @@ class _Clock:
         for k, (a, b) in enumerate(pairwise(bounds)):
             if k:
                 stream.begin_piece(float(time[a]) - self._zero)
-            stream.add(values[a:b])
+            stream.add(values[a:b], None if kelvin is None else kelvin[a:b])
         self._last = float(time[-1])
         self._rows += time.size
 

@@ -27,6 +27,7 @@ from inercal.section_settings import si_value
 from inercal.sensors.axis import Readout
 
 _COUNTS = "LSB"
+_TOO_LONG = "[data] most_values"  # key of what is refused for its size
 _AXES = "xyz"
 _KEYS = (
     *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
@@ -52,9 +53,20 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         A key that changes nothing, no column of a sensor, a unit or a rate that is not known, or
         what the audit refuses.
     """
-    table = read_table(log)
-    layout = rest_layout(log, table, stated)
-    recording = read_recording(log, layout.columns)
+    try:
+        table = read_table(log)
+        layout = rest_layout(log, table, stated)
+        recording = read_recording(log, layout.columns)
+    except InputError as error:
+        if error.key != _TOO_LONG:
+            raise
+        raise InputError(
+            f"{log}: too many values to be read at once. A log of any length is analysed in blocks "
+            "where it is plain text, Parquet, .npz or HDF5 and all its columns are numbers, the "
+            "time in seconds: convert it, or give a part of it",
+            file=log,
+            key=_TOO_LONG,
+        ) from error
     return in_si(recording, layout.readouts, layout.units)
 
 

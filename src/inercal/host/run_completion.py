@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from inercal.store import SensorHistory
 
 
+_LARGE_DIFFERENCE = 4.0  # standard deviations of the live estimate
+
+
 class FinishedRun(NamedTuple):
     """The outcome, and the files of the run by what they are."""
 
@@ -72,7 +75,7 @@ def finish_run(
     _record_file(journal, recording)
     outcome = _with_notes(calibrate(run), journal)
     if live is not None and live.has_estimate:
-        _compare_live_estimate(journal, live, outcome)
+        _compare_live_estimate(journal, live, outcome, run.method.final_by_recording)
     files["calibration_file"] = save(outcome.calibration, folder.output_path("calibration.json"))
     report = folder.output_path("report.html")
     true = run.truth if truth is None else truth(outcome)
@@ -103,15 +106,25 @@ def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> Non
     journal.record_file(path.name, path.stat().st_size, sha256 or file_sha256(path))
 
 
-def _compare_live_estimate(journal: Journal, live: LiveEstimator, outcome: Outcome) -> None:
-    """Enter in the journal how far the live estimate differs from that of the recording."""
-    names = outcome.estimate.names
-    found = np.array([outcome.estimate.value[names.index(name)] for name in live.names])
+def _compare_live_estimate(
+    journal: Journal, live: LiveEstimator, outcome: Outcome, expected: bool
+) -> None:
+    """Enter in the journal how far the live estimate differs from that of the recording.
+
+    `expected`: the method has another estimator for the recording.
+    """
+    names, value = outcome.estimate.names, outcome.estimate.value
+    found = np.array([value[names.index(name)] for name in live.names])
     known = np.isfinite(live.values)
-    apart = float(np.max(np.abs(live.values - found)[known], initial=0.0))
-    words = (
-        "the live estimate is that of the recording, to the last bit"
-        if apart == 0
-        else f"the live estimate differs from that of the recording by up to {apart:.2g} (SI)"
+    if not known.any() or np.array_equal(live.values[known], found[known]):
+        words = "the live estimate is that of the recording, to the last bit"
+        journal.record_event("info", words)
+        return
+    apart = np.abs(live.values - found)[known] / live.std[known]
+    k = int(apart.argmax())
+    name = [one for one, shown in zip(live.names, known, strict=True) if shown][k]
+    journal.record_event(
+        "info" if expected and apart[k] < _LARGE_DIFFERENCE else "warning",
+        f"the live estimate differs from that of the recording by up to {apart[k]:.2g} of its "
+        f"standard deviations ({name})",
     )
-    journal.record_event("info" if apart == 0 else "warning", words)

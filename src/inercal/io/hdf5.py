@@ -23,6 +23,8 @@ from inercal.io.variables import (
     SPARSE,
     STRUCTS,
     Variable,
+    column_blocks,
+    number_columns,
     table_from_variables,
 )
 
@@ -58,6 +60,48 @@ def read_hdf5(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -
         raise InputError(
             f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}; write the "
             "file again"
+        ) from error
+
+
+def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
+    """Return names and length of the columns of numbers of a file.
+
+    None where one of them is text, and of a damaged file: reading it whole names the damage.
+
+    Raises
+    ------
+    InputError
+        h5py is not installed.
+    """
+    h5py = _h5py()
+    try:
+        with h5py.File(path, "r") as file:
+            return number_columns(list(_variables(h5py, file, "", set())))
+    except DAMAGED:
+        return None
+
+
+def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
+    """Yield some samples of columns at a time, (k, c).
+
+    Parameters
+    ----------
+    path : Path
+    names : sequence of str
+        Of `long_columns`.
+
+    Raises
+    ------
+    InputError
+        The file is damaged.
+    """
+    h5py = _h5py()
+    try:
+        with h5py.File(path, "r") as file:
+            yield from column_blocks(list(_variables(h5py, file, "", set())), names)
+    except DAMAGED as error:
+        raise InputError(
+            f"{path.name} is damaged: {shorten(str(error), 120)}; write the file again", file=path
         ) from error
 
 

@@ -1,6 +1,6 @@
 """Tables that are too long for the memory: their first rows, and blocks of some columns in turn.
 
-Plain text, Parquet and .npz files are read so; other formats are not.
+Plain text, Parquet, .npz and HDF5 files are read so; other formats are not.
 """
 
 import zipfile
@@ -17,6 +17,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.column_table import BLOCK_ROWS, Column, Table, file_sha256, shorten
+from inercal.io.hdf5 import long_blocks, long_columns
 from inercal.io.plain_numbers import plain_blocks
 from inercal.io.read import detect_reader
 from inercal.io.text_layout import TextLayout, sniff
@@ -136,6 +137,11 @@ def _parquet_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
             yield np.stack([np.asarray(one, dtype=np.float64) for one in columns], axis=1)
 
 
+def _open_hdf5(path: Path) -> LongTable | None:
+    found = long_columns(path)
+    return None if found is None else LongTable(path, *found, partial(long_blocks, path))
+
+
 @dataclass(frozen=True)
 class _Member:
     """An array of an archive: its shape and type, and where its values begin."""
@@ -235,4 +241,5 @@ _OPENERS: dict[str, Callable[[Path], LongTable | None]] = {
     "text": _open_text,
     "parquet": _open_parquet,
     "npz": _open_npz,
+    "hdf5": _open_hdf5,
 }

@@ -8,7 +8,7 @@ parameters: the columns of the recording are those whose length most numbers sha
 
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -136,10 +136,7 @@ def table_from_variables(
     """
     source = path.name
     refused = {v.name: v.refusal_reason for v in variables if v.refusal_reason}
-    columns: list[tuple[str, Variable, int]] = []
-    for v in variables:
-        if v.name not in refused:
-            columns += [(name, v, k) for k, name in enumerate(v.columns)]
+    columns = _columns(variables)
     for name in wanted.names or ():
         _refuse_unusable_variable(name, [name for name, _, _ in columns], refused, source)
     if not columns:
@@ -148,10 +145,7 @@ def table_from_variables(
             f"{source} has no columns of numbers{first}; save arrays of numbers",
             names=tuple(refused),
         )
-    counted: Counter[int] = Counter()
-    for _, v, _ in columns:
-        counted[v.sample_and_column_counts[0]] += v.sample_and_column_counts[0]
-    length = max(counted, key=lambda n: (counted[n], n))
+    length = _length(columns)
     requested = set(wanted.names or ())
     names = [
         name
@@ -168,6 +162,50 @@ def table_from_variables(
     refuse_too_many_values(8 * max(declared, len(chosen) * length), most_values, source)
     read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
     return Table(tuple(names), read, source, file_sha256(path), 0, header=True, block=block)
+
+
+def number_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int] | None:
+    """Return names and length of the recording's columns; None where there is none, or text."""
+    columns = _columns(variables)
+    if not columns:
+        return None
+    length = _length(columns)
+    own = [(name, v) for name, v, _ in columns if v.sample_and_column_counts[0] == length]
+    return None if any(v.text for _, v in own) else (tuple(name for name, _ in own), length)
+
+
+def column_blocks(variables: Sequence[Variable], names: Sequence[str]) -> Iterator[Array]:
+    """Yield some samples of these columns at a time, (k, c); all of them are numbers.
+
+    Parameters
+    ----------
+    variables : sequence of Variable
+    names : sequence of str
+        Of `number_columns`.
+    """
+    found = {name: (v, k) for name, v, k in _columns(variables) if name in names}
+    used = {v.name: v for v, _ in found.values()}
+    n = next(iter(used.values())).sample_and_column_counts[0]
+    stored = {name: v.open() for name, v in used.items()}
+    for rows in row_blocks(n, max(_rows_per_read(v) for v in used.values())):
+        parts = {name: _rows(v, stored[name], rows) for name, v in used.items()}
+        chosen = [parts[found[name][0].name][:, found[name][1]] for name in names]
+        yield np.stack(chosen, axis=1).astype(np.float64)
+
+
+def _columns(variables: Sequence[Variable]) -> list[tuple[str, Variable, int]]:
+    """Return each column that may be read: its name, its variable and its place there."""
+    return [
+        (name, v, k) for v in variables if not v.refusal_reason for k, name in enumerate(v.columns)
+    ]
+
+
+def _length(columns: Sequence[tuple[str, Variable, int]]) -> int:
+    """Return the length that most numbers share."""
+    counted: Counter[int] = Counter()
+    for _, v, _ in columns:
+        counted[v.sample_and_column_counts[0]] += v.sample_and_column_counts[0]
+    return max(counted, key=lambda n: (counted[n], n))
 
 
 def _refuse_unusable_variable(
@@ -201,15 +239,18 @@ def _read(
             raise InputError(f"{source}: {variable.name!r} {why}", names=(variable.name,))
         places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
         for rows in row_blocks(n, _rows_per_read(variable)):
-            part: NDArray[Any] = np.asarray(
-                stored[rows] if variable.sample_axis == 0 else stored[:, rows]
-            )
-            part = part.reshape(len(part), -1) if variable.sample_axis == 0 else part.T
+            part = _rows(variable, stored, rows)
             for k, name in places:
                 blank[name][rows] = part[:, k]
         for _, name in places:
             read[name] = _integer_labels(blank[name]) if name in wanted.text else blank[name]
     return {name: read[name] for name in chosen}, block
+
+
+def _rows(variable: Variable, stored: Any, rows: slice) -> NDArray[Any]:
+    """Return some samples of all columns of a variable, (k, c)."""
+    part: NDArray[Any] = np.asarray(stored[rows] if variable.sample_axis == 0 else stored[:, rows])
+    return part.reshape(len(part), -1) if variable.sample_axis == 0 else part.T
 
 
 def _rows_per_read(variable: Variable) -> int:

@@ -216,6 +216,8 @@ class Method(Generic[Bench, Step]):
         Whether its estimators weigh rows by their whole covariance, with errors in common.
     sequential : callable or None
         Starts the live estimation of a run; None where the method has none.
+    final_by_recording : bool
+        Whether another estimator than the live one gives the result of the recording.
     """
 
     name: str
@@ -235,6 +237,7 @@ class Method(Generic[Bench, Step]):
     without_angles: bool = False
     weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
+    final_by_recording: bool = False
 
     def prepare(
         self, sensor: Sensor, coefficients: Sequence[str] = (), also: Sequence[str] = ()

@@ -289,5 +289,6 @@ METHOD = Method(
     needs=("f",),
     plan=dividing_head_problem.plan,
     estimators={"least_squares": least_squares, "fourier": fourier},
+    weighs_common_errors=True,
     source="IEEE Std 1293, static multipoint (tumble) test",
 )

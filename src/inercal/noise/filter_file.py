@@ -10,45 +10,42 @@ from math import ceil, exp, log10
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.noise.channel_noise import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
+from inercal.noise.channel_noise import SI_UNIT
 from inercal.noise.flicker_states import flicker_states
+from inercal.noise.noise_files import require_rate
+from inercal.noise.sensor_noise import SensorNoise, TriadNoise, root_mean_of_squares
 
 _SHORTEST = 1.0  # s, of the averaging times of a chain; of slow sensors ten samples
 
 
-def filter_text(analysis: NoiseAnalysis, horizon: float) -> str:
+def filter_text(noise: SensorNoise, horizon: float) -> str:
     """Return the states of a filter that holds the noise, SI; an axis triad has one value.
 
     Parameters
     ----------
-    analysis : NoiseAnalysis
+    noise : SensorNoise
     horizon : float
         s; averaging times of the chain end with it, or with half of a longer recording.
 
     Raises
     ------
     InputError
-        The analysis has no axes.
+        There are no axes, or a data sheet states no sampling rate.
     """
-    lines = [f"# inercal noise: states of a filter, SI, of {analysis.source or 'a recording'}"]
-    quantities: tuple[Quantity, ...] = ("accelerometer", "gyro")
-    longest = max(horizon, analysis.duration / 2)
-    for quantity in quantities:
-        axes = analysis.of(quantity)
-        if axes:
-            lines += [f"{quantity}:", *_triad_lines(axes, SI_UNIT[quantity], longest)]
+    lines = [f"# inercal noise: states of a filter, SI, of {noise.source}"]
+    longest = max(horizon, noise.duration / 2)
+    for quantity, triad in noise.triads.items():
+        lines += [f"{quantity}:", *_triad_lines(triad, SI_UNIT[quantity], longest)]
     if len(lines) == 1:
         raise InputError("the analysis has no axes: nothing to write for a filter")
     return "\n".join([*lines, ""])
 
 
-def _rms(axes: tuple[ChannelNoise, ...], symbol: str) -> float:
-    return float(np.sqrt(np.mean([one.value(symbol) ** 2 for one in axes])))
-
-
-def _triad_lines(axes: tuple[ChannelNoise, ...], unit: str, longest: float) -> list[str]:
-    dt = axes[0].dt
-    white, flicker, walk, markov = (_rms(axes, one) for one in "NBKG")
+def _triad_lines(triad: TriadNoise, unit: str, longest: float) -> list[str]:
+    dt = 1 / require_rate(triad)
+    white, flicker, walk, markov = (
+        root_mean_of_squares([one.get(symbol, 0.0) for one in triad.axes]) for symbol in "NBKG"
+    )
     lines = [
         f"  step: {dt:.9g}  # s",
         f"  white_variance: {white**2 * dt:.6e}  # N² Δ, ({unit})² s²",
@@ -56,7 +53,7 @@ def _triad_lines(axes: tuple[ChannelNoise, ...], unit: str, longest: float) -> l
     ]
     states: list[tuple[str, float, float]] = []
     if markov:
-        times = [one.value("T") for one in axes if one.value("G")]
+        times = [one["T"] for one in triad.axes if one.get("G")]
         states.append(("Gauss–Markov", float(np.exp(np.mean(np.log(times)))), markov**2))
     if flicker:
         shortest = max(_SHORTEST, 10 * dt)

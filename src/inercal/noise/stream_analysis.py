@@ -1,7 +1,7 @@
 """The noise of a recording that comes in blocks, in bounded memory, with its gaps.
 
 Each piece between gaps has a `StreamedChannel` for each channel; the likelihoods of the pieces add,
-as of a recording that is in the memory. There is no temperature.
+as of a recording that is in the memory. Block means of the temperature serve a drift in one piece.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,6 +17,7 @@ from inercal.noise.gap_oadev import join_deviations
 from inercal.noise.lines import take_out_lines
 from inercal.noise.pieces import FEWEST
 from inercal.noise.spectrum import Band, remove_band
+from inercal.noise.streamed_means import StreamedMeans
 from inercal.noise.streaming import StreamedChannel
 from inercal.recording import Recording
 from inercal.units import si_factor
@@ -90,6 +91,7 @@ class NoiseStream:
         self._sizes = [si_factor(unit) for unit in units]
         self._starts: list[float] = []
         self._pieces: list[list[StreamedChannel]] = []
+        self._temperatures: list[StreamedMeans] = []
         self._left_out = 0
         self.begin_piece(0.0)
 
@@ -108,6 +110,7 @@ class NoiseStream:
         """
         if self._pieces and self._pieces[-1][0].count < FEWEST:
             self._left_out += self._pieces.pop()[0].count
+            self._temperatures.pop()
             self._starts.pop()
         if (len(self._pieces) + 1) * len(self._channels) > _MOST_STREAMS:
             raise InputError(
@@ -117,11 +120,21 @@ class NoiseStream:
             )
         self._starts.append(start)
         self._pieces.append([StreamedChannel(self.dt) for _ in self._channels])
+        self._temperatures.append(StreamedMeans())
 
-    def add(self, values: Array) -> None:
-        """Take the next samples of all channels, (k, m), in their units."""
+    def add(self, values: Array, temperature: Array | None = None) -> None:
+        """Take the next samples of all channels, (k, m), in their units.
+
+        Parameters
+        ----------
+        values : (k, m) array
+        temperature : (k,) array, optional
+            K; of all samples or of none.
+        """
         if not len(values):
             return
+        if temperature is not None:
+            self._temperatures[-1].add(temperature)
         for k, one in enumerate(self._pieces[-1]):
             one.add(np.ascontiguousarray(values[:, k], dtype=np.float64) * self._sizes[k])
 
@@ -146,6 +159,7 @@ class NoiseStream:
         """
         if self._pieces[-1][0].count < FEWEST:
             self._left_out += self._pieces.pop()[0].count
+            self._temperatures.pop()
         if not self._pieces:
             raise InputError(
                 f"{self.source or 'recording'}: fewer than {FEWEST} samples without a gap",
@@ -208,8 +222,17 @@ class NoiseStream:
             ),
             remarks=tuple(dict.fromkeys(remarks)),
             low_values=values if single else None,
-            regressors={"ramp": np.arange(values.size, dtype=np.float64) * dt} if single else {},
+            regressors=self._regressors(values.size, dt) if single else {},
         )
+
+    def _regressors(self, count: int, dt: float) -> dict[str, Array]:
+        """Return the regressors of the drift of one piece, of `count` block means of dt, s."""
+        found: dict[str, Array] = {"ramp": np.arange(count, dtype=np.float64) * dt}
+        means = self._temperatures[0].means()
+        if means.size == count and np.ptp(means) > 0:
+            found["temperature"] = means
+            found["temperature rate"] = np.asarray(np.gradient(means, dt))
+        return found
 
     def block_mean_recording(self) -> Recording:
         """Return block means of the longest piece, SI, for plots over time."""

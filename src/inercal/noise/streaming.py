@@ -28,8 +28,8 @@ from inercal.noise.disturbances import (
 from inercal.noise.expected_periodogram import squared_coefficients
 from inercal.noise.rounding import check_rounding
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
+from inercal.noise.streamed_means import KEPT_EVERY
 
-KEPT_EVERY = 64
 _FIRST = 4096  # squared differences whose median sets the largest that counts
 _SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1, dtype=np.int64)
 

@@ -348,14 +348,19 @@ class _Solver:
 
     def solve(self, observations: Observations, sensor: Sensor) -> Estimate:
         inputs, bench = self.inputs, self.inputs.bench or self.run.bench
-        sampled = inputs.sensor_of_samples(sensor)
-        return self.run.solver()(observations, sampled, bench, inputs.plan, self.run.priors)
+        sampled, plan = inputs.sensor_of_samples(sensor), inputs.plan
+        if len(observations.labels) < len(inputs.observations.labels):
+            by_label = {step.label: step for step in plan}
+            plan = tuple(by_label[label] for label in observations.labels)
+        return self.run.solver()(observations, sampled, bench, plan, self.run.priors)
 
     def leave_out(
         self, observations: Observations, sensor: Sensor, whole: Estimate
     ) -> tuple[SoakLeftOut, ...]:
-        """Return the prediction errors of the soaks; none where a soak is needed for a fit."""
+        """Return the prediction errors of the soaks; none where a soak is needed or χ² is none."""
         number, temperatures = soak_numbers(observations), soak_temperatures(observations)
+        if not whole.dof:
+            return ()
         chi2 = float(whole.chi2)
         result: list[SoakLeftOut] = []
         for k, kelvin in enumerate(temperatures.tolist()):

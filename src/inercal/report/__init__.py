@@ -23,7 +23,8 @@ if TYPE_CHECKING:  # reports do without a register, and most without a noise ana
 
     from inercal.check_standard import ControlCharts
     from inercal.noise import NoiseAnalysis
-    from inercal.store import CalibrationEntry, NoiseEntry, SensorHistory
+    from inercal.noise.data_sheet import DataSheetNoise
+    from inercal.store import CalibrationEntry, NoiseEntry, SensorEntry, SensorHistory
     from inercal.store.recalibration import Recalibration
 
 
@@ -138,6 +139,39 @@ def write_history(
     return write_text(path, history_page(history, next_one, noise))
 
 
+def write_noise_history(
+    sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", path: str | Path
+) -> Path:
+    """Write the page of the noise of a sensor without calibrations; return its path.
+
+    Parameters
+    ----------
+    sensor : SensorEntry
+    noise : sequence of NoiseEntry
+        One at least, as they were measured.
+    path : path
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    return write_text(path, noise_history_page(sensor, noise))
+
+
+def noise_history_page(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]") -> str:
+    """Return the page of the noise of a sensor without calibrations, HTML.
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing.
+    """
+    with _extras():
+        from inercal.report.noise_history_section import page
+    return page(sensor, noise)
+
+
 def history_page(
     history: "SensorHistory",
     next_one: "Recalibration | None" = None,
@@ -195,7 +229,12 @@ def write_draft(draft: Draft, path: str | Path) -> Path:
     return write_text(path, page(draft))
 
 
-def write_noise(analysis: "NoiseAnalysis", recording: Recording, path: str | Path) -> Path:
+def write_noise(
+    analysis: "NoiseAnalysis",
+    recording: Recording,
+    path: str | Path,
+    sheet: "DataSheetNoise | None" = None,
+) -> Path:
     """Write the page of a noise analysis; it appears whole or not at all. Return its path.
 
     Parameters
@@ -204,6 +243,8 @@ def write_noise(analysis: "NoiseAnalysis", recording: Recording, path: str | Pat
     recording : Recording
         That was analysed, in SI.
     path : path
+    sheet : DataSheetNoise, optional
+        A data sheet beside which the page shows the coefficients.
 
     Raises
     ------
@@ -212,7 +253,7 @@ def write_noise(analysis: "NoiseAnalysis", recording: Recording, path: str | Pat
     """
     with _extras():
         from inercal.report.noise_page import page
-    return write_text(path, page(analysis, recording))
+    return write_text(path, page(analysis, recording, sheet))
 
 
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
@@ -275,6 +316,7 @@ def require_report_packages() -> None:
 
 __all__ = [
     "history_page",
+    "noise_history_page",
     "plot_coverage",
     "plot_residuals",
     "require_report_packages",
@@ -282,6 +324,7 @@ __all__ = [
     "write_draft",
     "write_history",
     "write_noise",
+    "write_noise_history",
     "write_refusal",
     "write_report",
     "write_worksheet",

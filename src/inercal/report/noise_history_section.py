@@ -1,4 +1,4 @@
-"""The section of a sensor's history page with its noise over time: figure and table."""
+"""A sensor's noise over time, figure and tables: a section of its history, or a page alone."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -15,6 +15,7 @@ from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, MUTED, WARN, X, Y, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
+from inercal.store.entries import SensorEntry
 from inercal.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
 from inercal.store.noise_history_text import change_lines, trend_rows
 from inercal.uncertainty.coverage import COVERAGE
@@ -34,10 +35,28 @@ def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
         render(
             "noise_history_section.html",
             rows=[tuple(map(typeset_minus, row)) for row in trend_rows(trends)],
-            lines=[f"{line[0].upper()}{line[1:]}." for line in change_lines(trends)],
+            lines=[_sentence(line) for line in change_lines(trends)],
             entries=[_entry_row(one) for one in entries],
             figure=noise_trend_figure(trends),
         )
+    )
+
+
+def _sentence(line: str) -> Markup:
+    text = Markup.escape(f"{line[0].upper()}{line[1:]}.")
+    return text.replace("E_n", Markup("E<sub>n</sub>"))
+
+
+def page(sensor: SensorEntry, entries: Sequence[NoiseEntry]) -> str:
+    """Return the page of a sensor without calibrations, HTML; one analysis at least."""
+    first, last = (one.measured.partition("T")[0] for one in (entries[0], entries[-1]))
+    return render(
+        "sensor_noise.html",
+        sensor=sensor,
+        count=len(entries),
+        first=first,
+        last=last,
+        section=noise_history_section(entries),
     )
 
 

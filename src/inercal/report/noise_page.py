@@ -7,6 +7,8 @@ from markupsafe import Markup
 
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.cross_checks import slope_bias
+from inercal.noise.data_sheet import DataSheetNoise
+from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
 from inercal.noise.texts import (
     SHOWN_UNIT,
     channel_remarks,
@@ -20,6 +22,7 @@ from inercal.report.noise_figures import (
     spectrogram_figure,
     time_figure,
 )
+from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 from inercal.units import si_factor
 
@@ -40,8 +43,9 @@ class ChannelView:
     slope_bias: str
 
 
-def page(analysis: NoiseAnalysis, recording: Recording) -> str:
-    """Return the page, HTML."""
+def page(analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | None = None) -> str:
+    """Return the page, HTML; with a data sheet, the coefficients beside it."""
+    compared = () if sheet is None else compare_with_sheet(analysis, sheet)
     good = all(one.goodness.fits for one in analysis.channels)
     disturbed = [
         (one.channel, disturbance_text(found, one.quantity))
@@ -63,7 +67,17 @@ def page(analysis: NoiseAnalysis, recording: Recording) -> str:
             for found in one.coefficients
         ],
         channels=[_view(one, recording) for one in analysis.channels],
+        sheet=None if sheet is None else sheet.name,
+        sheet_heads=HEADS,
+        sheet_rows=[tuple(map(typeset_minus, one.cells)) for one in compared],
+        sheet_remarks=()
+        if sheet is None
+        else [_sentence(one) for one in (*sheet.all_remarks, *kind_remarks(compared, sheet))],
     )
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def _verdict(good: bool, disturbed: bool) -> str:

@@ -6,6 +6,7 @@ from inercal.comparison.comparison_text import format_en
 from inercal.noise.texts import coefficient_cells
 from inercal.store.noise_history import NoiseTrend
 
+NEWEST_HEADS = ("channel", "term", "value", "U (k = 2)", "unit", "measured", "analysis")
 HEADS = ("channel", "term", "number", "first", "newest", "U (k = 2)", "unit", "E_n")
 
 
@@ -19,6 +20,19 @@ def trend_rows(trends: Sequence[NoiseTrend]) -> list[tuple[str, ...]]:
         shown = "" if en is None else format_en(en)
         count = str(len(one.values))
         rows.append((one.channel, one.symbol, count, first, newest, spread, one.unit, shown))
+    return rows
+
+
+def newest_rows(trends: Sequence[NoiseTrend]) -> list[tuple[str, ...]]:
+    """Return a row of each coefficient: its newest value, and when it was measured."""
+    rows: list[tuple[str, ...]] = []
+    for one in trends:
+        _, value, spread, *_ = coefficient_cells(one.values[-1])
+        entry = one.entries[-1]
+        date = entry.measured.partition("T")[0]
+        if entry.measured_from == "entered":
+            date = f"{date} (entered)"
+        rows.append((one.channel, one.symbol, value, spread, one.unit, date, str(entry.id)))
     return rows
 
 

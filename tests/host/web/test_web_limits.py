@@ -4,11 +4,13 @@ import gzip
 import re
 import socket
 import struct
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from threading import Event
 
+import numpy as np
 import pytest
 from tests.host.web.pages import PATIENCE, Page, Served, sockets, unharmed
 from tests.store.calibration_generator import ten
@@ -16,7 +18,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from inercal.host.web.connections import MAX_CONNECTIONS as CONNECTIONS
 from inercal.host.web.viewers import MAX_VIEWERS as VIEWERS
-from inercal.store import Register, SensorHistory
+from inercal.noise import NoiseAnalysis, analyse_noise
+from inercal.recording import Recording
+from inercal.store import NoiseEntry, Register, SensorHistory
 
 HUGE = 100_000_000  # bytes
 
@@ -194,9 +198,9 @@ def test_a_history_is_drawn_again_only_where_the_register_holds_something_else(
 ):
     drawn: list[int] = []
 
-    def page(history: SensorHistory) -> str:
+    def page(history: SensorHistory, noise: Sequence[NoiseEntry]) -> str:
         drawn.append(len(history.entries))
-        return f"of {len(history.entries)}"
+        return f"of {len(history.entries)} with {len(noise)}"
 
     monkeypatch.setattr("inercal.report.history_page", page)
     calibrations = ten(tmp_path)
@@ -204,8 +208,29 @@ def test_a_history_is_drawn_again_only_where_the_register_holds_something_else(
         with Register(served.register) as register:
             register.enter_calibrations(calibrations[:count])
         said = {served.ask("/history/1").body.decode() for _ in range(asked)}
-        assert said == {f"of {count}"}
-    assert drawn == [3, 4]
+        assert said == {f"of {count} with 0"}
+    with Register(served.register) as register:
+        name = register.sensors()[0].name
+        register.enter_noise(noise_of_white_gyros(), name, "2026-03-01")
+    assert served.ask("/history/1").body.decode() == "of 4 with 1"
+    assert drawn == [3, 4, 4]
+
+
+def test_the_history_of_a_sensor_without_calibrations_is_its_noise(served: Served):
+    with Register(served.register) as register:
+        register.enter_noise(noise_of_white_gyros(), "gyro 7", "2026-03-01")
+    answer = served.ask("/history/1")
+    assert answer.status == 200
+    text = answer.body.decode()
+    assert 'id="noise"' in text
+    assert "no calibration yet" in text
+
+
+def noise_of_white_gyros() -> NoiseAnalysis:
+    """Return the noise of 1024 readings of three gyros."""
+    y = 1e-3 * np.random.default_rng(1).standard_normal((1024, 3))
+    recording = Recording(np.arange(1024.0), y, ("gx", "gy", "gz"), ("rad/s",) * 3)
+    return analyse_noise(recording, terms="N", kinds=())
 
 
 def test_the_files_of_the_page_are_small_over_a_slow_link(served: Served):

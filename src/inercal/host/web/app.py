@@ -276,15 +276,24 @@ class Page:
         }
 
     def _history(self, sensor: int) -> str:
-        from inercal.report import history_page
+        from inercal.report import history_page, noise_history_page
         from inercal.store import Register
 
         with Register(self._register) as register:
-            history = register.history(sensor)
+            entry, noise = register.sensor(sensor), register.noise_history(sensor)
+            alone = noise and not entry.calibrations
+            history = None if alone else register.history(sensor)
         # Figures take seconds to draw, and between two runs all look at the same ones.
-        shows = history.sensor, history.entries, history.exclusions
+        shows: object = entry, noise
+        if history is not None:
+            shows = history.sensor, history.entries, history.exclusions, noise
         if self._cached_history[0] != shows:
-            self._cached_history = shows, history_page(history)
+            page = (
+                noise_history_page(entry, noise)
+                if history is None
+                else history_page(history, noise=noise)
+            )
+            self._cached_history = shows, page
         return self._cached_history[1]
 
 

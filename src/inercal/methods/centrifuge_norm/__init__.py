@@ -248,5 +248,6 @@ METHOD = Method(
     norm_only_estimators=("ml",),
     frame=_frame,
     remarks=_remarks,
+    weighs_common_errors=True,
     source="Wang and Li, Navigation Positioning and Timing 8(6), 2021; IEEE Std 836",
 )

@@ -213,7 +213,8 @@ def _compare_norms(
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     shared = _same_dwell_rows(observations, bench, steps)
     warmth = temperature.row_offsets(observations, sensor)
-    correlated = shared is not None or observations.drift is not None
+    in_common = observations.drift is not None or observations.common is not None
+    correlated = shared is not None or in_common
     exact = None if loose else specific_force_norm(bench, steps, unknowns.exact)
 
     @_cache_last_result
@@ -253,11 +254,16 @@ def _compare_norms(
             for name, sd in (("dwell_rate", bench.dwell_rate), ("dwell_tilt", bench.dwell_tilt)):
                 by = sd * result.derivatives[name]
                 full = full + shared * (by[..., :, None] * by[..., None, :])
+        if not in_common:
+            return full
+        w = None if turned is None else turned.w
+        at = norm_residuals(sensor, observations.mean, x[..., :p], result.norm, w, warmth)
+        along = at.norm_by_reading
         if observations.drift is not None:
-            w = None if turned is None else turned.w
-            at = norm_residuals(sensor, observations.mean, x[..., :p], result.norm, w, warmth)
-            along = at.norm_by_reading
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
+        if observations.common is not None:
+            effect = np.einsum("...ia,...iak->...ik", along, observations.common)
+            full = full + effect @ np.swapaxes(effect, -1, -2)
         return full
 
     y, covariance, table = observations.mean, observations.covariance, term_table(sensor)

@@ -126,5 +126,6 @@ METHOD = Method(
     },
     norm_only_estimators=("damped", "global"),
     remarks=prediction_error.remarks,
+    weighs_common_errors=True,
     source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
 )

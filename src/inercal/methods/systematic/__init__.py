@@ -23,12 +23,13 @@ from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.systematic.coefficient_rules import require_determined
+from inercal.methods.systematic.filter_estimators import sequential, solve_by_filter
 from inercal.methods.systematic.generalised_least_squares import LAG, solve
 from inercal.methods.systematic.remarks import remarks
 from inercal.methods.systematic.segment_tests import rest_change_test
 from inercal.methods.systematic.segments import segments_of_track, shift_forces
 from inercal.plan import TableStep
-from inercal.recording import Observations
+from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
 _LARGEST_LAG = 0.5  # s, half of what a turn has of rest at its ends
@@ -63,20 +64,7 @@ def batch(
     NotObserved
         Coefficients that the run does not determine.
     """
-    track = observations.track
-    if track is None or track.reading.ndim != 2:
-        raise InputError(
-            "systematic takes the samples of one recording; give a recording", key="track"
-        )
-    for axis in sensor.axes:
-        if not axis.noise.white > 0:
-            raise InputError(
-                f"{axis.name} has no noise density: rows of rests and turns are weighed by it; "
-                "state it",
-                key="white",
-                names=(axis.name,),
-            )
-    require_determined(sensor, observations, priors)
+    track = _checked_track(observations, sensor, priors)
     known = StillTable.from_turntable(bench)
     segments = segments_of_track(track, observations.labels, sensor)
     estimate = solve(segments, sensor, known, priors)
@@ -95,6 +83,40 @@ def _triangular(bench: Turntable) -> Frame:
     return "triangular"
 
 
+def kalman(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable | StillTable,
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by a Kalman filter over the recording, in passes.
+
+    Arguments and exceptions as of `batch`.
+    """
+    track = _checked_track(observations, sensor, priors)
+    known = StillTable.from_turntable(bench)
+    return solve_by_filter(track, observations.labels, sensor, known, priors)
+
+
+def _checked_track(observations: Observations, sensor: Sensor, priors: Sequence[Gaussian]) -> Track:
+    track = observations.track
+    if track is None or track.reading.ndim != 2:
+        raise InputError(
+            "systematic takes the samples of one recording; give a recording", key="track"
+        )
+    for axis in sensor.axes:
+        if not axis.noise.white > 0:
+            raise InputError(
+                f"{axis.name} has no noise density: rows of rests and turns are weighed by it; "
+                "state it",
+                key="white",
+                names=(axis.name,),
+            )
+    require_determined(sensor, observations, priors)
+    return track
+
+
 METHOD = Method(
     name="systematic",
     bench=Turntable,
@@ -105,11 +127,13 @@ METHOD = Method(
     also={"f": ("misalignment", "az.arm", "k1_prime", "k3"), "w": ("g", "scale_prime")},
     needs=("f", "w"),
     plan=systematic_plan,
-    estimators={"batch": batch},
+    estimators={"batch": batch, "kalman": kalman},
+    sequential=sequential,
+    final_by_recording=True,
     frame=_triangular,
     remarks=remarks,
     without_angles=True,
     source="Camberlein and Mangeret; Savage 2000; generalised least squares (Aitken 1935)",
 )
 
-__all__ = ["METHOD", "batch"]
+__all__ = ["METHOD", "batch", "kalman"]

@@ -27,17 +27,18 @@ from inercal.estimate.kernel_options import kernel, kernel_step
 
 Indices = NDArray[np.int64]
 VECTORS, MATRICES = 20, 4  # of the working space: (VECTORS, 3) and (MATRICES, 3, 3)
+SAMPLE_VECTORS = 10  # of `advance_sample`
 
 
 @kernel_step
-def _apply(c: Array, v: Array, out: Array) -> None:
+def apply_matrix(c: Array, v: Array, out: Array) -> None:
     """Write C v."""
     for i in range(3):
         out[i] = c[i, 0] * v[0] + c[i, 1] * v[1] + c[i, 2] * v[2]
 
 
 @kernel_step
-def _cross(a: Array, b: Array, out: Array) -> None:
+def cross(a: Array, b: Array, out: Array) -> None:
     """Write a × b; `out` is neither."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
@@ -45,14 +46,14 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 
 
 @kernel_step
-def _copy(v: Array, out: Array) -> None:
+def copy_vector(v: Array, out: Array) -> None:
     """Write a vector."""
     for i in range(3):
         out[i] = v[i]
 
 
 @kernel_step
-def _copy_matrix(a: Array, out: Array) -> None:
+def copy_matrix(a: Array, out: Array) -> None:
     """Write a 3 × 3 matrix."""
     for i in range(3):
         for j in range(3):
@@ -60,7 +61,7 @@ def _copy_matrix(a: Array, out: Array) -> None:
 
 
 @kernel_step
-def _rotation(x: float, y: float, z: float, out: Array) -> None:
+def write_rotation(x: float, y: float, z: float, out: Array) -> None:
     """Write exp [v×] of v = (x, y, z)."""
     s = x * x + y * y + z * z
     once, twice = 1 - s / 6 * (1 - s / 20), 0.5 - s / 24 * (1 - s / 30)
@@ -76,7 +77,7 @@ def _rotation(x: float, y: float, z: float, out: Array) -> None:
 
 
 @kernel_step
-def _product(a: Array, b: Array, out: Array) -> None:
+def write_product(a: Array, b: Array, out: Array) -> None:
     """Write A B; `out` is neither."""
     for i in range(3):
         for j in range(3):
@@ -84,7 +85,73 @@ def _product(a: Array, b: Array, out: Array) -> None:
 
 
 @kernel_step
-def _add_white_noise(p: Array, c: Array, white: Array, seconds: float) -> None:
+def advance_sample(
+    w: Array,
+    f: Array,
+    dw: Array,
+    c: Array,
+    v: Array,
+    earth: Array,
+    gravity: float,
+    lag: float,
+    dt: float,
+    begins: bool,
+    work: Array,
+    gained: Array,
+    lagging: Array,
+    turned: Array,
+) -> None:
+    """Carry C and v through a sample; write the velocity by force, and its derivative by the lag.
+
+    `work`, (SAMPLE_VECTORS, 3), holds the increments of the sample before in its first two rows;
+    where the motion begins they are those of this sample. `turned`, (2, 3, 3), is working space.
+    """
+    d0, u0, d, u, own = work[0], work[1], work[2], work[3], work[4]
+    a, b, e, rho, moved = work[5], work[6], work[7], work[8], work[9]
+    # ω against n, and the force turned back by what the body turned in the lag
+    for j in range(3):
+        own[j] = w[j] - (c[0, j] * earth[0] + c[1, j] * earth[1] + c[2, j] * earth[2])
+        rho[j] = own[j] * lag - 0.5 * lag * lag * dw[j]
+        d[j] = w[j] * dt
+    cross(rho, f, a)
+    cross(rho, a, b)
+    for j in range(3):
+        e[j] = f[j] - a[j] + 0.5 * b[j]
+        u[j] = e[j] * dt
+    if begins:
+        copy_vector(d, d0)
+        copy_vector(u, u0)
+    cross(e, own, a)
+    apply_matrix(c, a, moved)
+    for j in range(3):
+        lagging[j] = moved[j] * dt
+    cross(d, u, a)
+    cross(d, a, b)
+    for j in range(3):
+        moved[j] = u[j] + 0.5 * a[j] + b[j] / 6
+    cross(d0, u, a)
+    cross(u0, d, b)
+    for j in range(3):
+        moved[j] += (a[j] + b[j]) / 12
+    apply_matrix(c, moved, e)
+    # In the middle of the sample n has turned by half of ω_ie dt.
+    cross(earth, e, a)
+    cross(earth, v, b)
+    for j in range(3):
+        gained[j] = e[j] - 0.5 * dt * a[j]
+        v[j] += gained[j] - 2 * dt * b[j]
+    v[2] -= gravity * dt
+    cross(d0, d, a)
+    write_rotation(d[0] + a[0] / 12, d[1] + a[1] / 12, d[2] + a[2] / 12, turned[0])
+    write_product(c, turned[0], turned[1])
+    write_rotation(-earth[0] * dt, -earth[1] * dt, -earth[2] * dt, turned[0])
+    write_product(turned[0], turned[1], c)
+    copy_vector(d, d0)
+    copy_vector(u, u0)
+
+
+@kernel_step
+def add_white_noise(p: Array, c: Array, white: Array, seconds: float) -> None:
     """Add half of a block's white noise to P of (ψ, v)."""
     for i in range(3):
         for j in range(3):
@@ -102,13 +169,13 @@ def _turn_velocity(p: Array, force: Array, work: Array) -> None:
     for j in range(6):  # rows
         for i in range(3):
             work[0, i] = p[i, j]
-        _cross(force, work[0], work[1])
+        cross(force, work[0], work[1])
         for i in range(3):
             p[3 + i, j] -= work[1, i]
     for i in range(6):  # columns
         for j in range(3):
             work[0, j] = p[i, j]
-        _cross(force, work[0], work[1])
+        cross(force, work[0], work[1])
         for j in range(3):
             p[i, 3 + j] -= work[1, j]
 
@@ -132,26 +199,26 @@ def _add_block(
     for m in range(q + r + 1):
         for j in range(3):
             column[j] = v[j, m]
-        _cross(earth, column, out)
+        cross(earth, column, out)
         for j in range(3):
             v[j, m] -= 2 * seconds * out[j]
     for m in range(q):
         for j in range(3):
             column[j] = by_rate[j, m]
-        _apply(c, column, turned)
+        apply_matrix(c, column, turned)
         for j in range(3):
             column[j] = psi[j, m]
-        _cross(earth, column, out)
+        cross(earth, column, out)
         for j in range(3):
             column[j] += 0.5 * seconds * (turned[j] - out[j])
             psi[j, m] += seconds * (turned[j] - out[j])
-        _cross(force, column, out)
+        cross(force, column, out)
         for j in range(3):
             v[j, m] -= out[j]
     for m in range(r):
         for j in range(3):
             column[j] = by_force[j, m]
-        _apply(c, column, turned)
+        apply_matrix(c, column, turned)
         for j in range(3):
             v[j, q + m] += seconds * turned[j]
     for j in range(3):
@@ -220,13 +287,12 @@ def integrate_turns(
     covariance : (k, 6, 6) array
         Out: of (ψ, v), by white noise.
     """
-    c, middle, turned, small = matrices[0], matrices[1], matrices[2], matrices[3]
-    d, u, d0, u0, own = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
-    a, b, e, rho, moved = vectors[5], vectors[6], vectors[7], vectors[8], vectors[9]
-    force, lagging, work = vectors[10], vectors[11], vectors[12:16]
+    c, middle, turned = matrices[0], matrices[1], matrices[2:4]
+    state, e, moved = vectors[:SAMPLE_VECTORS], vectors[SAMPLE_VECTORS], vectors[SAMPLE_VECTORS + 1]
+    force, lagging, work = vectors[12], vectors[13], vectors[14:18]
     at = 0
     for k in range(first.size):
-        _copy_matrix(attitude[k - 1] if chained and k > 0 else start[k], c)
+        copy_matrix(attitude[k - 1] if chained and k > 0 else start[k], c)
         v = velocity[k]
         in_block, count, seconds = 0, 0, 0.0
         for i in range(first[k], last[k]):
@@ -235,54 +301,31 @@ def integrate_turns(
                 for j in range(3):
                     force[j], lagging[j] = 0.0, 0.0
             if in_block == count // 2:
-                _copy_matrix(c, middle)
-            # ω against n, and the force turned back by what the body turned in the lag
+                copy_matrix(c, middle)
+            advance_sample(
+                w[i],
+                f[i],
+                dw[i],
+                c,
+                v,
+                earth,
+                gravity,
+                lag,
+                dt,
+                i == first[k],
+                state,
+                e,
+                moved,
+                turned,
+            )
             for j in range(3):
-                own[j] = w[i, j] - (c[0, j] * earth[0] + c[1, j] * earth[1] + c[2, j] * earth[2])
-                rho[j] = own[j] * lag - 0.5 * lag * lag * dw[i, j]
-                d[j] = w[i, j] * dt
-            _cross(rho, f[i], a)
-            _cross(rho, a, b)
-            for j in range(3):
-                e[j] = f[i, j] - a[j] + 0.5 * b[j]
-                u[j] = e[j] * dt
-            if i == first[k]:
-                _copy(d, d0)
-                _copy(u, u0)
-            _cross(e, own, a)
-            _apply(c, a, moved)
-            for j in range(3):
-                lagging[j] += moved[j] * dt
-            _cross(d, u, a)
-            _cross(d, a, b)
-            for j in range(3):
-                moved[j] = u[j] + 0.5 * a[j] + b[j] / 6
-            _cross(d0, u, a)
-            _cross(u0, d, b)
-            for j in range(3):
-                moved[j] += (a[j] + b[j]) / 12
-            _apply(c, moved, e)
-            # In the middle of the sample n has turned by half of ω_ie dt.
-            _cross(earth, e, a)
-            _cross(earth, v, b)
-            for j in range(3):
-                e[j] -= 0.5 * dt * a[j]
                 force[j] += e[j]
                 impulse[k, j] += e[j]
-            for j in range(3):
-                v[j] += e[j] - 2 * dt * b[j]
-            v[2] -= gravity * dt
-            _cross(d0, d, a)
-            _rotation(d[0] + a[0] / 12, d[1] + a[1] / 12, d[2] + a[2] / 12, small)
-            _product(c, small, turned)
-            _rotation(-earth[0] * dt, -earth[1] * dt, -earth[2] * dt, small)
-            _product(small, turned, c)
+                lagging[j] += moved[j]
             if count % 2 and in_block == count // 2:  # the block's middle is that of a sample
                 for m in range(3):
                     for j in range(3):
                         middle[m, j] = 0.5 * (middle[m, j] + c[m, j])
-            _copy(d, d0)
-            _copy(u, u0)
             in_block += 1
             seconds += dt
             if in_block == block or i == last[k] - 1:
@@ -291,9 +334,9 @@ def integrate_turns(
                         psi[k], v_by[k], by_rate[at], by_force[at], middle, force, lagging,
                         earth, seconds, work,
                     )  # fmt: skip
-                    _add_white_noise(covariance[k], middle, white, seconds)
+                    add_white_noise(covariance[k], middle, white, seconds)
                     _turn_velocity(covariance[k], force, work)
-                    _add_white_noise(covariance[k], middle, white, seconds)
+                    add_white_noise(covariance[k], middle, white, seconds)
                 at += 1
                 in_block = 0
-        _copy_matrix(c, attitude[k])
+        copy_matrix(c, attitude[k])

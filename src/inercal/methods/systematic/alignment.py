@@ -31,6 +31,7 @@ from inercal.sensors import Sensor
 MAX_DISAGREEMENT = radians(20)
 MAX_LATITUDE = radians(85)  # beyond, the Earth's rate has too small a level part
 _REPEATED = 3
+_LONG = 1e9  # s between rests, whose rates do not change
 _NAMED = 3  # possible causes in a message
 
 
@@ -69,18 +70,47 @@ def initial_attitudes(
         carried = _carried(segments, model, c, attitude, level)
         up = _unit((carried @ segments.mean[:, :3, None])[..., 0]).sum(axis=0)
         attitudes = _level_frame(up) @ carried
-        rows = np.concatenate(
-            [np.swapaxes(attitudes, -1, -2)[..., :2], np.tile(np.eye(3), (len(attitudes), 1, 1))],
-            axis=-1,
-        )
         rates = segments.mean[:, 3:] - up_rate * attitudes[:, 2]
-        x, y, *found = np.linalg.lstsq(rows.reshape(-1, 5), rates.ravel(), rcond=None)[0]
+        x, y, *found = np.linalg.lstsq(_level_rate_rows(attitudes), rates.ravel(), rcond=None)[0]
         size = np.hypot(x, y)
         turn = np.array([[y, -x, 0.0], [x, y, 0.0], [0.0, 0.0, size]]) / size
         attitudes = turn @ attitudes
         attitude, level = attitudes[0], earth_rate(latitude)
         c[biases] = np.array(found)[[k - 3 for k in axis]]
     return attitudes, c
+
+
+def attitudes_at(segments: Segments, model: ImuModel, c: Array, latitude: float) -> Array:
+    """Return C at each rest, (m, 3, 3), by coefficients c of which those of all axes count.
+
+    Arguments and exceptions as of `initial_attitudes`, which takes the forces as they are read.
+    """
+    force = model.motion_of_readings(segments.mean, _LONG, c, 0.0, means=True).f
+    mean = np.concatenate([force, segments.mean[:, 3:]], axis=1)
+    return initial_attitudes(replace(segments, mean=mean), model, c, latitude)[0]
+
+
+def _level_rate_rows(attitudes: Array) -> Array:
+    """Return ∂(rates at rests)/∂(level part of the Earth's rate, biases), (3 m, 5)."""
+    m = len(attitudes)
+    rows = [np.swapaxes(attitudes, -1, -2)[..., :2], np.tile(np.eye(3), (m, 1, 1))]
+    return np.concatenate(rows, axis=-1).reshape(-1, 5)
+
+
+def determines_azimuth(attitudes: Array) -> bool:
+    """Return whether rests at these attitudes tell the Earth's rate from the gyros' biases.
+
+    They do where an error of one rest's rates leads to no larger one of the level part.
+
+    Parameters
+    ----------
+    attitudes : (m, 3, 3) array
+        C, body to n, at each rest.
+    """
+    rows = _level_rate_rows(attitudes)
+    inverse = np.linalg.pinv(rows.T @ rows, hermitian=True)
+    whole = np.linalg.matrix_rank(rows) == rows.shape[1]
+    return bool(whole and np.linalg.eigvalsh(inverse[:2, :2]).max() <= 1)
 
 
 def _carried(segments: Segments, model: ImuModel, c: Array, attitude: Array, earth: Array) -> Array:

@@ -17,7 +17,7 @@ from inercal.estimate.nullspace import observability
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 from inercal.frames import exp_so3
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
-from inercal.methods.systematic.alignment import initial_attitudes
+from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
 from inercal.methods.systematic.coefficient_rules import (
     COMMON_ARM,
     FRAME,
@@ -45,7 +45,7 @@ def attitude_names(labels: Sequence[str]) -> tuple[str, ...]:
 def estimated_attitudes(
     estimate: Estimate, segments: Segments, sensor: Sensor, latitude: float
 ) -> Array:
-    """Return C, body to n, at each rest by an estimate of `solve`, (m, 3, 3).
+    """Return C, body to n, at each rest by an estimate, (m, 3, 3).
 
     Parameters
     ----------
@@ -56,7 +56,11 @@ def estimated_attitudes(
         rad.
     """
     start, _ = _start(segments, sensor, latitude)
-    at = [estimate.names.index(name) for name in attitude_names(segments.labels)]
+    names = attitude_names(segments.labels)
+    if names[0] not in estimate.names:  # by the filter, which estimates no attitude of each rest
+        found = estimate.value[: len(sensor.coefficients)]
+        return attitudes_at(segments, ImuModel(sensor), found, latitude)
+    at = [estimate.names.index(name) for name in names]
     return exp_so3(estimate.value[at].reshape(-1, 3)) @ start
 
 

@@ -27,6 +27,12 @@ def earth_rate(latitude: float) -> Array:
     return np.array([0.0, north, up])
 
 
+def earth_rate_slope(latitude: float) -> Array:
+    """Return dω_ie/dφ in n, (3,) rad/s."""
+    up, north = earth_rate(latitude)[2], earth_rate(latitude)[1]
+    return np.array([0.0, -up, north])
+
+
 class TurnMotion(NamedTuple):
     """The motion of the samples of all turns, (n, 3) each, SI."""
 
@@ -75,20 +81,40 @@ class ImuModel:
 
     def motion(self, segments: Segments, c: Array, lag: float) -> TurnMotion:
         """Return the motion of all turns for coefficients c, (p,), SI."""
-        y, (cf, cw) = segments.moving, self.split(c)
+        return self.motion_of_readings(segments.moving, segments.dt, c, lag, means=segments.means)
+
+    def motion_of_readings(
+        self, y: Array, dt: float, c: Array, lag: float, *, means: bool
+    ) -> TurnMotion:
+        """Return the motion of samples.
+
+        Parameters
+        ----------
+        y : (n, 6) array
+            Readings, SI; their rates do not change at either end.
+        dt : float
+            s.
+        c : (p,) array
+            Coefficients, SI.
+        lag : float
+            s.
+        means : bool
+            Whether a sample is the mean of its reading over one period.
+        """
+        cf, cw = self.split(c)
         force, rate = self.force, self.rate
         w, rough = y[:, 3:], y[:, :3]
         w = _invert(rate, y[:, 3:], cw, lambda x: Motion(rough, x), w, 3)
-        dw = _derivative(w, segments.dt)
+        dw = _derivative(w, dt)
         late, faster = w, dw
         if lag:
             late = w - lag * dw
-            faster = dw - lag * _derivative(dw, segments.dt)
+            faster = dw - lag * _derivative(dw, dt)
         f = _invert(force, y[:, :3], cf, lambda x: Motion(x, late, faster), rough, 0)
         if rate.uses("fi", "fp", "fo"):
             exact = f
             w = _invert(rate, y[:, 3:], cw, lambda x: Motion(exact, x), w, 3)
-        if not segments.means:
+        if not means:
             w, f = _mean_of_period(w), _mean_of_period(f)
         return TurnMotion(w, f, dw)
 
@@ -96,9 +122,11 @@ class ImuModel:
         self, segments: Segments, c: Array, motion: TurnMotion
     ) -> tuple[Array, Array]:
         """Return ∂ω/∂θ and ∂f/∂θ of each block of samples, (b, 3, q) and (b, 3, r)."""
-        edges = block_edges(segments)
-        size = np.diff(np.append(edges, len(motion.w)))[:, None]
-        w, f, dw = (np.add.reduceat(part, edges, axis=0) / size for part in motion)
+        return self.sensitivities_at(c, block_means(motion, block_edges(segments)))
+
+    def sensitivities_at(self, c: Array, means: TurnMotion) -> tuple[Array, Array]:
+        """Return ∂ω/∂θ and ∂f/∂θ where the motion is that of b blocks, as `sensitivities`."""
+        w, f, dw = means
         cf, cw = self.split(c)
         at = Motion(f, w, dw)
         by_rate = self.rate.linearise(at, cw)
@@ -106,6 +134,13 @@ class ImuModel:
         rate: Array = -np.asarray(np.linalg.solve(by_rate.slope[..., 3:], by_rate.design), float)
         force: Array = -np.asarray(np.linalg.solve(by_force.slope[..., :3], by_force.design), float)
         return rate, force
+
+
+def block_means(motion: TurnMotion, edges: Indices) -> TurnMotion:
+    """Return the means over blocks that begin at `edges`, (b, 3) each."""
+    size = np.diff(np.append(edges, len(motion.w)))[:, None]
+    w, f, dw = (np.add.reduceat(part, edges, axis=0) / size for part in motion)
+    return TurnMotion(w, f, dw)
 
 
 def block_edges(segments: Segments) -> Indices:

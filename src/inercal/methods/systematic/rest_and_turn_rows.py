@@ -28,6 +28,7 @@ from inercal.methods.systematic.navigation import (
     ImuModel,
     Navigation,
     earth_rate,
+    earth_rate_slope,
     integrate_navigation,
 )
 from inercal.methods.systematic.segments import Segments
@@ -152,7 +153,7 @@ class RestAndTurnRows:
         jacobian = np.zeros((m, _ROWS, width))
         jacobian[:, :, :p] = at.design
         jacobian[:, :, p + 1] = (slope[:, :, :3] @ (back @ _UP)[..., None])[..., 0]
-        by_latitude = (slope[:, :, 3:] @ (back @ _earth_rate_slope(latitude))[..., None])[..., 0]
+        by_latitude = (slope[:, :, 3:] @ (back @ earth_rate_slope(latitude))[..., None])[..., 0]
         jacobian[:, :, p + 2] = by_latitude
         turned = np.concatenate([back @ skew(gravity * _UP), back @ skew(earth)], axis=1)
         for k in range(m):
@@ -178,7 +179,7 @@ class RestAndTurnRows:
         jacobian[:, 3:, columns.force] = done.v[:, :, columns.of_force]
         jacobian[:, 3:, p] = done.v[:, :, -1]
         jacobian[:, 5, p + 1] = -seconds
-        slope, earth = _earth_rate_slope(latitude), earth_rate(latitude)
+        slope, earth = earth_rate_slope(latitude), earth_rate(latitude)
         jacobian[:, :3, p + 2] = seconds[:, None] * slope
         jacobian[:, 3:, p + 2] = 0.5 * gravity * seconds[:, None] ** 2 * np.cross(_UP, slope)
         back = exp_so3(-earth * seconds[:, None])
@@ -249,9 +250,3 @@ class _Columns:
             [rates.index(f"{axis.name}.bias") for axis in full.axes if axis.measures == "w"],
             [shift + forces.index(f"{axis.name}.k0") for axis in full.axes if axis.measures == "f"],
         )
-
-
-def _earth_rate_slope(latitude: float) -> Array:
-    """Return dω_ie/dφ in n, (3,) rad/s."""
-    up, north = earth_rate(latitude)[2], earth_rate(latitude)[1]
-    return np.array([0.0, -up, north])

@@ -76,6 +76,20 @@ class Segments:
         return tuple(f"{one} to {other}" for one, other in pairs)
 
 
+def require_imu(sensor: Sensor) -> None:
+    """Refuse a sensor other than three accelerometers, then three gyros.
+
+    Raises
+    ------
+    InputError
+    """
+    if tuple(axis.measures for axis in sensor.axes) != ("f",) * 3 + ("w",) * 3:
+        raise InputError(
+            "systematic calibration needs three accelerometers and three gyros; add [sensor.gyro]",
+            key="[sensor.gyro]",
+        )
+
+
 def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> Segments:
     """Return the rests and turns of a track whose holds are numbered.
 
@@ -93,11 +107,7 @@ def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> 
     InputError
         Another sensor, or fewer than six rests.
     """
-    if tuple(axis.measures for axis in sensor.axes) != ("f",) * 3 + ("w",) * 3:
-        raise InputError(
-            "systematic calibration needs three accelerometers and three gyros; add [sensor.gyro]",
-            key="[sensor.gyro]",
-        )
+    require_imu(sensor)
     rests = _rest_ranges(track.hold)
     if len(rests) < MIN_RESTS:
         raise InputError(

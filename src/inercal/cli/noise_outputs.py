@@ -1,0 +1,94 @@
+"""The files of `inercal noise` for other programs, and the section of a run file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from inercal.noise.sensor_noise import SensorNoise
+
+
+@dataclass(frozen=True)
+class NoiseFiles:
+    """What is to be written, and where.
+
+    Parameters
+    ----------
+    to : sequence of str
+        Names of other programs, of `WRITERS`.
+    horizon : float
+        s, of a random walk in place of a bias instability.
+    section : Path or None
+        The run file that takes the noise.
+    out : Path
+        Folder of the files of other programs.
+    force : bool
+    """
+
+    to: Sequence[str]
+    horizon: float
+    section: Path | None
+    out: Path
+    force: bool
+
+    def _texts(self, stem: str) -> dict[str, Path]:
+        return {one: self.out / f"{stem}.{one}.yaml" for one in self.to}
+
+    def check(self, stem: str, inputs: Sequence[Path]) -> None:
+        """Refuse what must not or cannot be written, before the work.
+
+        Parameters
+        ----------
+        stem : str
+            Of the names of the files.
+        inputs : sequence of Path
+            Files that are read: with --force the run file among them may take the noise.
+        """
+        from inercal.cli.outputs import RUN_FILE, OutputKind, check_outputs
+
+        kind = OutputKind("noise file", b"# inercal noise")
+        check_outputs(
+            dict.fromkeys(self._texts(stem).values(), kind), inputs, force=self.force or None
+        )
+        if self.section is not None:
+            others = [
+                one for one in inputs if not (self.force and self.section == inputs[0] == one)
+            ]
+            check_outputs({self.section: RUN_FILE}, others, force=self.force)
+
+    def write(self, stem: str, noise: "SensorNoise") -> dict[str, Path | str]:
+        """Write the files; return their paths."""
+        from inercal.io.atomic_files import keep_previous, write_text
+        from inercal.noise.writers import WRITERS
+
+        texts = self._texts(stem)
+        # All texts before the first is written: what refuses one leaves no other.
+        contents = {one: WRITERS[one](noise, self.horizon) for one in texts}
+        merged = "" if self.section is None else _merged_run_file(noise, self.section)
+        files: dict[str, Path | str] = {}
+        for one, path in texts.items():
+            files[one] = write_text(path, contents[one])
+        if self.section is not None:
+            keep_previous(self.section)
+            files["run_file"] = write_text(self.section, merged)
+        return files
+
+
+def _merged_run_file(noise: "SensorNoise", path: Path) -> str:
+    """Return the text of a run file with the noise in its sections."""
+    import tomllib
+
+    from inercal.errors import InputError
+    from inercal.noise.noise_files import merge_sections, run_file_sections
+
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    merged = merge_sections(text, run_file_sections(noise))
+    try:
+        tomllib.loads(merged)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(
+            f"{path}: the noise cannot be written into this file ({error}): write to a new file",
+            file=path,
+        ) from None
+    return merged

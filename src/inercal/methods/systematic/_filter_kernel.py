@@ -1,0 +1,305 @@
+"""Compiled: a Kalman filter of navigation whose states are mostly constants.
+
+The states are ψ and the velocity's error, the coefficients, the lag, gravity and latitude, then the
+drift of the biases. In an epoch of T seconds, with C in its middle and F = C f, as in `_kernels`::
+
+    ψ ← ψ − T ω_ie × ψ + Σ T C ∂ω/∂x x
+    v ← v − 2 T ω_ie × v − ∫F dt × ψ + Σ (T C ∂f/∂x − ½ ∫F dt × T C ∂ω/∂x) x
+
+At a rest C does not change, and the velocity is observed to be zero at the end of each epoch. All
+states are counted from a navigation with fixed coefficients, which begins each turn from rest, at
+an attitude that does not change with the estimate: what a state does is then the same in all
+epochs. If it followed the estimate, the filter would count directions as observed that are not.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.estimate.kernel_options import kernel, kernel_step
+from inercal.methods.systematic._kernels import (
+    SAMPLE_VECTORS,
+    add_white_noise,
+    advance_sample,
+    apply_matrix,
+    copy_matrix,
+    cross,
+    write_product,
+)
+
+Indices = NDArray[np.int64]
+FILTER_VECTORS, FILTER_MATRICES = SAMPLE_VECTORS + 9, 4
+NAVIGATION = 6  # states of ψ and v
+_AFTER_COEFFICIENTS = 3  # lag, gravity, latitude
+
+
+@kernel_step
+def _write_effects(
+    by_rate: Array,
+    by_force: Array,
+    lag_at: int,
+    c: Array,
+    force: Array,
+    lagging: Array,
+    earth_slope: Array,
+    seconds: float,
+    work: Array,
+    by: Array,
+) -> None:
+    """Write what the states after ψ and v add to these in an epoch, (6, q)."""
+    for m in range(by.shape[1]):
+        for j in range(3):
+            work[0, j], work[1, j] = by_rate[j, m], by_force[j, m]
+        apply_matrix(c, work[0], work[2])
+        apply_matrix(c, work[1], work[3])
+        for j in range(3):
+            work[2, j] *= seconds
+            work[3, j] *= seconds
+        if m == lag_at:
+            for j in range(3):
+                work[3, j] = lagging[j]
+        if m == lag_at + 1:
+            work[3, 2] -= seconds
+        if m == lag_at + 2:
+            for j in range(3):
+                work[2, j] -= seconds * earth_slope[j]
+        cross(force, work[2], work[0])
+        for j in range(3):
+            by[j, m], by[3 + j, m] = work[2, j], work[3, j] - 0.5 * work[0, j]
+
+
+@kernel_step
+def _move(a: Array, force: Array, earth: Array, seconds: float, work: Array, out: Array) -> None:
+    """Write what ψ and v, (6,), become in an epoch without the other states."""
+    for j in range(3):
+        work[0, j], work[1, j] = a[j], a[3 + j]
+    cross(earth, work[0], work[2])
+    cross(earth, work[1], work[3])
+    cross(force, work[0], work[4])
+    for j in range(3):
+        out[j] = a[j] - seconds * work[2, j]
+        out[3 + j] = a[3 + j] - 2 * seconds * work[3, j] - work[4, j]
+
+
+@kernel_step
+def _propagate(
+    p: Array,
+    by: Array,
+    force: Array,
+    earth: Array,
+    seconds: float,
+    keep: Array,
+    drawn: Array,
+    work: Array,
+    six: Array,
+    moved: Array,
+) -> None:
+    """Carry P through an epoch; `moved`, (6, n), and `six`, (2, 6), are working space."""
+    n, q = p.shape[0], by.shape[1]
+    for k in range(n):
+        for j in range(6):
+            six[0, j] = p[j, k]
+        _move(six[0], force, earth, seconds, work, six[1])
+        for j in range(6):
+            moved[j, k] = six[1, j]
+    for j in range(6):
+        for m in range(q):
+            if by[j, m] != 0.0:
+                for k in range(n):
+                    moved[j, k] += by[j, m] * p[6 + m, k]
+    for i in range(6):
+        for j in range(6):
+            six[0, j] = moved[i, j]
+        _move(six[0], force, earth, seconds, work, six[1])
+        for j in range(6):
+            total = six[1, j]
+            for m in range(q):
+                total += moved[i, 6 + m] * by[j, m]
+            p[i, j] = total
+        for m in range(q):
+            p[i, 6 + m] = moved[i, 6 + m]
+            p[6 + m, i] = moved[i, 6 + m]
+    for i in range(6):
+        for j in range(i):
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
+    first = n - keep.size
+    for i in range(keep.size):
+        for k in range(n):
+            p[first + i, k] *= keep[i]
+        for k in range(n):
+            p[k, first + i] *= keep[i]
+    for i in range(keep.size):
+        for j in range(keep.size):
+            p[first + i, first + j] += drawn[i, j]
+
+
+@kernel_step
+def _observe(x: Array, p: Array, variance: float, gain: Array, innovation: Array) -> float:
+    """Update by the velocity, one component after the other; return the NIS."""
+    n, nis = x.size, 0.0
+    for i in range(3):
+        s = p[3 + i, 3 + i] + variance
+        off = -x[3 + i]
+        innovation[i] = off
+        nis += off * off / s
+        for k in range(n):
+            gain[k] = p[k, 3 + i] / s
+        for k in range(n):
+            x[k] += gain[k] * off
+            for m in range(n):
+                p[k, m] -= gain[k] * gain[m] * s
+    return nis
+
+
+@kernel_step
+def _count_from(x: Array, c: Array, v: Array, reference: Array, work: Array, turned: Array) -> None:
+    """Count ψ and v from a reference attitude and from rest; C and v become these."""
+    for i in range(3):
+        for j in range(3):
+            turned[0, i, j] = reference[j, i]
+    write_product(c, turned[0], turned[1])
+    for j in range(3):
+        work[0, j] = 0.5 * (
+            turned[1, (j + 2) % 3, (j + 1) % 3] - turned[1, (j + 1) % 3, (j + 2) % 3]
+        )
+    squared = work[0, 0] ** 2 + work[0, 1] ** 2 + work[0, 2] ** 2
+    for j in range(3):
+        x[j] += work[0, j] * (1 + squared / 6)  # arcsin
+        x[3 + j] += v[j]
+        v[j] = 0.0
+    copy_matrix(reference, c)
+
+
+@kernel
+def filter_epochs(
+    w: Array,
+    f: Array,
+    dw: Array,
+    by_rate: Array,
+    by_force: Array,
+    rest: Indices,
+    rest_attitude: Array,
+    present: Indices,
+    count: int,
+    dt: float,
+    begins: bool,
+    earth: Array,
+    earth_slope: Array,
+    gravity: float,
+    lag: float,
+    white: Array,
+    rest_variance: float,
+    keep: Array,
+    drawn: Array,
+    x: Array,
+    p: Array,
+    c: Array,
+    v: Array,
+    before: Array,
+    vectors: Array,
+    matrices: Array,
+    rows: Array,
+    innovation: Array,
+    nis: Array,
+) -> None:
+    """Follow e epochs of a recording; state and covariance are changed in place.
+
+    Parameters
+    ----------
+    w, f, dw : (e count, 3) arrays
+        ω, f and dω/dt of the samples, SI, with the coefficients that the states are counted from.
+    by_rate, by_force : (e, 3, n − 6) arrays
+        ∂ω and ∂f of each epoch by the states after ψ and v.
+    rest : (e,) array of int
+        Number of the rest that the epoch is a part of, from 0; −1 in motion.
+    rest_attitude : (m, 3, 3) array
+        C of the first m rests, that states are counted from; later it is that at the turn's end.
+    present : (1,) array of int
+        Number of the rest before the first epoch, −1 in motion; changed in place.
+    count : int
+        Samples of an epoch.
+    dt : float
+        s.
+    begins : bool
+        Whether the first sample is that of the recording.
+    earth, earth_slope : (3,) arrays
+        ω_ie in n and its derivative by the latitude.
+    gravity, lag : float
+        m/s² and s, that their states are counted from.
+    white : (6,) array
+        Noise densities squared, of accelerometers and gyros in the body's axes, SI²/Hz.
+    rest_variance : float
+        Of the velocity of a rest, (m/s)².
+    keep, drawn : (d,) and (d, d) arrays
+        Of the last d states, the drift: what is kept of them in an epoch, and their noise.
+    x, p : (n,) and (n, n) arrays
+        States and covariance.
+    c, v : (3, 3) and (3,) arrays
+        Attitude, body to n, and velocity.
+    before : (2, 3) array
+        Increments of the sample before.
+    vectors, matrices, rows
+        Working space, (FILTER_VECTORS, 3), (FILTER_MATRICES, 3, 3) and (16, n).
+    innovation, nis : (e, 3) and (e,) arrays
+        Out: of rests; elsewhere they stay.
+    """
+    n, d = x.size, keep.size
+    q = n - 6
+    lag_at = q - d - _AFTER_COEFFICIENTS
+    sample, work = vectors[:SAMPLE_VECTORS], vectors[SAMPLE_VECTORS : SAMPLE_VECTORS + 5]
+    gained, late, force, lagging = vectors[-4], vectors[-3], vectors[-2], vectors[-1]
+    middle, turned, reference = matrices[0], matrices[1:3], matrices[3]
+    moved, by, six, gain = rows[:6], rows[6:12, :q], rows[12:14, :6], rows[14]
+    for k in range(2):
+        for j in range(3):
+            sample[k, j] = before[k, j]
+    for e in range(rest.size):
+        for j in range(3):
+            force[j] = lagging[j] = 0.0
+        if rest[e] >= 0:
+            if rest[e] != present[0]:
+                known = rest[e] < rest_attitude.shape[0]
+                copy_matrix(rest_attitude[rest[e]] if known else c, reference)
+                _count_from(x, c, v, reference, work, turned)
+            copy_matrix(c, reference)
+        present[0] = rest[e]
+        for k in range(count):
+            i = e * count + k
+            if k == count // 2:
+                copy_matrix(c, middle)
+            advance_sample(
+                w[i], f[i], dw[i], c, v, earth, gravity, lag, dt, begins and i == 0, sample,
+                gained, late, turned,
+            )  # fmt: skip
+            for j in range(3):
+                force[j] += gained[j]
+                lagging[j] += late[j]
+            if count % 2 and k == count // 2:  # the epoch's middle is that of a sample
+                for m in range(3):
+                    for j in range(3):
+                        middle[m, j] = 0.5 * (middle[m, j] + c[m, j])
+        seconds = count * dt
+        if rest[e] >= 0:  # readings have noise, what is known of a rest has none
+            copy_matrix(reference, middle)
+            for j in range(3):
+                force[j] = lagging[j] = 0.0
+            force[2] = gravity * seconds
+        _write_effects(
+            by_rate[e], by_force[e], lag_at, middle, force, lagging, earth_slope, seconds, work, by
+        )
+        add_white_noise(p, middle, white, seconds)
+        _propagate(p, by, force, earth, seconds, keep, drawn, work, six, moved)
+        add_white_noise(p, middle, white, seconds)
+        _move(x[:6], force, earth, seconds, work, six[0])
+        for j in range(6):
+            x[j] = six[0, j]
+            for m in range(q):
+                x[j] += by[j, m] * x[6 + m]
+        for i in range(d):
+            x[n - d + i] *= keep[i]
+        if rest[e] >= 0:
+            _count_from(x, c, v, reference, work, turned)
+            nis[e] = _observe(x, p, rest_variance, gain, innovation[e])
+    for k in range(2):
+        for j in range(3):
+            before[k, j] = sample[k, j]

@@ -1,0 +1,171 @@
+"""Noise as a data sheet states it, as the coefficients N, B and K.
+
+A noise density of the form rms/√bandwidth is one-sided, N is the root of the two-sided density::
+
+    D² B_n = rms²,  D² = 2 N²          D one-sided density, B_n equivalent noise bandwidth
+    N = D/√2 = rms/√(2 B_n)            N is also the angle or velocity random walk, σ_θ = N √t
+    B_n = f₃ (π/2n)/sin(π/2n)          f₃ −3 dB frequency of a Butterworth filter of order n
+    min² = (2 ln2/π) B² + 2 N K/√3     min the minimum of the Allan deviation, at τ = √3 N/K
+
+Where K is not known, B is min/√(2 ln2/π), which is rather too large.
+Sources: IEEE Std 952, annex B; IEEE Std 1293.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import nan, pi, sin, sqrt
+from typing import Literal
+
+from inercal.noise.channel_noise import Quantity, coefficient_unit
+from inercal.noise.sensor_noise import QUANTITIES, SensorNoise, TriadNoise, root_mean_of_squares
+from inercal.noise.terms import FLICKER_FLOOR
+from inercal.units import si_factor
+
+WhiteKind = Literal["density", "random walk"]
+BiasKind = Literal["minimum", "coefficient"]
+BandwidthKind = Literal["noise", "first order", "second order"]
+_ORDERS: dict[BandwidthKind, int] = {"first order": 1, "second order": 2}
+_NO_UNCERTAINTY = "a data sheet states no uncertainty: typical values, from which a device differs"
+
+
+@dataclass(frozen=True)
+class SheetCoefficient:
+    """A coefficient that follows from a data sheet, SI.
+
+    Parameters
+    ----------
+    symbol : "N", "B" or "K"
+    values : tuple of float
+        One for all axes, or one for each.
+    stated : str
+        What the data sheet states, with its kind: "0.008 °/s/√Hz (density)".
+    """
+
+    symbol: str
+    values: tuple[float, ...]
+    stated: str
+
+    def of_axis(self, k: int) -> float:
+        """Return the value of axis k, 0 to 2."""
+        return self.values[0] if len(self.values) == 1 else self.values[k]
+
+    @property
+    def mean(self) -> float:
+        """Root mean square over the axes."""
+        return root_mean_of_squares(self.values)
+
+
+@dataclass(frozen=True)
+class DataSheetNoise:
+    """The noise that a data sheet states.
+
+    Parameters
+    ----------
+    name : str
+        Of the data sheet.
+    rate_hz : float
+        Of the samples; 0 where none is stated.
+    coefficients : dict of quantity to tuple of SheetCoefficient
+    remarks : tuple of str
+        What is doubtful in what it states.
+    """
+
+    name: str
+    rate_hz: float
+    coefficients: Mapping[Quantity, tuple[SheetCoefficient, ...]]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def sensor_noise(self) -> SensorNoise:
+        """The noise as other programs take it."""
+        triads: dict[Quantity, TriadNoise] = {
+            quantity: _triad(quantity, self.coefficients[quantity], self.rate_hz)
+            for quantity in QUANTITIES
+            if quantity in self.coefficients
+        }
+        return SensorNoise(f"data sheet {self.name}", 0.0, triads, is_data_sheet=True)
+
+    @property
+    def all_remarks(self) -> tuple[str, ...]:
+        """The remarks, and that there is no uncertainty."""
+        return (_NO_UNCERTAINTY, *self.remarks)
+
+    def coefficient(self, quantity: Quantity, symbol: str) -> SheetCoefficient | None:
+        """Return a coefficient, or None."""
+        found = self.coefficients.get(quantity, ())
+        return next((one for one in found if one.symbol == symbol), None)
+
+
+def _triad(quantity: Quantity, found: Sequence[SheetCoefficient], rate_hz: float) -> TriadNoise:
+    axes = tuple({one.symbol: one.of_axis(k) for one in found} for k in range(3))
+    values: dict[str, tuple[float, float | None]] = {one.symbol: (one.mean, None) for one in found}
+    origins = {one.symbol: one.stated for one in found}
+    return TriadNoise(quantity, axes, values, (), rate_hz, origins)
+
+
+def white_noise(value: float, kind: WhiteKind) -> float:
+    """Return N, SI, of a one-sided noise density or of a random walk, which is N.
+
+    >>> round(white_noise(0.008, "density"), 6), white_noise(0.008, "random walk")
+    (0.005657, 0.008)
+    """
+    return value / sqrt(2) if kind == "density" else value
+
+
+def white_noise_of_rms(rms: float, bandwidth: float, kind: BandwidthKind) -> float:
+    """Return N, SI, of an rms value within a bandwidth, Hz.
+
+    The noise is taken as white up to there.
+
+    >>> round(white_noise_of_rms(1.0, 50.0, "noise"), 4)
+    0.1
+    """
+    return rms / sqrt(2 * noise_bandwidth(bandwidth, kind))
+
+
+def noise_bandwidth(bandwidth: float, kind: BandwidthKind) -> float:
+    """Return the equivalent noise bandwidth, Hz, of it or of a filter's −3 dB frequency.
+
+    >>> [round(noise_bandwidth(1.0, kind), 4) for kind in ("first order", "second order")]
+    [1.5708, 1.1107]
+    """
+    if kind == "noise":
+        return bandwidth
+    angle = pi / (2 * _ORDERS[kind])
+    return bandwidth * angle / sin(angle)
+
+
+def bias_instability(value: float, kind: BiasKind, others: float = 0.0) -> float:
+    """Return B, SI, of the minimum of an Allan deviation or of the coefficient itself.
+
+    It is not a number where the other terms alone have a larger minimum.
+
+    Parameters
+    ----------
+    value : float
+    kind : "minimum" or "coefficient"
+    others : float
+        Minimum of the Allan deviation of white noise and random walk alone.
+
+    >>> round(bias_instability(0.6643, "minimum"), 4)
+    1.0
+    """
+    if kind == "coefficient":
+        return value
+    square = value**2 - others**2
+    return sqrt(square / FLICKER_FLOOR) if square >= 0 else nan
+
+
+def minimum_without_flicker(white: float, walk: float) -> float:
+    """Return the minimum of the Allan deviation of white noise N and random walk K alone, SI.
+
+    >>> round(minimum_without_flicker(1.0, 3**0.5 / 2), 4)
+    1.0
+    """
+    return sqrt(2 * white * walk / sqrt(3))
+
+
+def shown(value: float, symbol: str, quantity: Quantity) -> str:
+    """Return a coefficient in the unit in which it is printed: "0.339 °/√h"."""
+    unit = coefficient_unit(symbol, quantity)
+    return f"{value / si_factor(unit):.3g} {unit}"

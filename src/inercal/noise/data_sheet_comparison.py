@@ -1,0 +1,160 @@
+"""A measured noise beside that of a data sheet, channel by channel."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from typing import Any
+
+from inercal.errors import InputError
+from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, Quantity, coefficient_unit
+from inercal.noise.data_sheet import DataSheetNoise, SheetCoefficient, shown
+from inercal.noise.sensor_noise import QUANTITIES, axis_coefficient, root_mean_of_squares
+from inercal.uncertainty.coverage import COVERAGE
+from inercal.units import format_value_and_uncertainty, si_factor
+
+_NEAR = 0.1  # of √2, within which a ratio suggests the other kind of white noise
+_AXES = 3
+
+HEADS = ("channel", "term", "measured", "U (k = 2)", "data sheet", "unit", "measured / data sheet")
+
+
+@dataclass(frozen=True)
+class SheetComparison:
+    """A coefficient of a channel beside that of a data sheet, SI.
+
+    Parameters
+    ----------
+    channel : str
+    quantity : "gyro" or "accelerometer"
+    symbol : "N", "B" or "K"
+    value, u : float
+        As measured; 0 and infinite where only a limit is known or nothing was found.
+    limit : float or None
+        Upper limit (95 %) where only that is known.
+    sheet : float
+    """
+
+    channel: str
+    quantity: Quantity
+    symbol: str
+    value: float
+    u: float
+    limit: float | None
+    sheet: float
+
+    @property
+    def ratio(self) -> float | None:
+        """Measured over stated; None without a measured value."""
+        return self.value / self.sheet if self.value else None
+
+    @property
+    def ratio_u(self) -> float | None:
+        """Standard uncertainty of the ratio, from the measurement alone."""
+        return self.u / self.sheet if self.value else None
+
+    @property
+    def unit(self) -> str:
+        """In which it is printed."""
+        return coefficient_unit(self.symbol, self.quantity)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row of a table with `HEADS`."""
+        size = si_factor(self.unit)
+        sheet = f"{self.sheet / size:.3g}"
+        if not self.value:
+            measured, ratio = "not found", ""
+            if self.limit is not None:
+                measured = f"< {self.limit / size:.3g}"
+                ratio = f"< {self.limit / self.sheet:.3g}"
+            return self.channel, self.symbol, measured, "", sheet, self.unit, ratio
+        value, spread = format_value_and_uncertainty(self.value / size, COVERAGE * self.u / size)
+        share, its = format_value_and_uncertainty(
+            self.value / self.sheet, COVERAGE * self.u / self.sheet
+        )
+        ratio = f"{share} ± {its}"
+        return self.channel, self.symbol, value, spread, sheet, self.unit, ratio
+
+
+def compare_with_sheet(
+    analysis: NoiseAnalysis, sheet: DataSheetNoise
+) -> tuple[SheetComparison, ...]:
+    """Return each channel's coefficients that the data sheet states.
+
+    Raises
+    ------
+    InputError
+        No channel is of a kind that the data sheet states, or it has a value for each of three
+        axes and the recording another number of them.
+    """
+    found: list[SheetComparison] = []
+    for quantity in QUANTITIES:
+        channels = analysis.of(quantity)
+        for k, channel in enumerate(channels):
+            for one in sheet.coefficients.get(quantity, ()):
+                if len(one.values) > 1 and len(channels) != _AXES:
+                    raise InputError(
+                        f"[datasheet.{quantity}] has a value for each of {_AXES} axes, and "
+                        f"{analysis.source or 'the recording'} has {len(channels)}: state one "
+                        "value for all",
+                        key=f"[datasheet.{quantity}]",
+                    )
+                found.append(_comparison(channel, one, k))
+    if not found:
+        raise InputError(
+            f"{analysis.source or 'the recording'} has no channels of "
+            f"{' or '.join(sheet.coefficients)}s, which data sheet {sheet.name} states: leave "
+            "--datasheet out",
+            key="--datasheet",
+        )
+    return tuple(found)
+
+
+def _comparison(channel: ChannelNoise, sheet: SheetCoefficient, k: int) -> SheetComparison:
+    value, u = axis_coefficient(channel, sheet.symbol)
+    own = channel.coefficient(sheet.symbol)
+    limit = own.high if not value and own is not None else None
+    return SheetComparison(
+        channel.channel, channel.quantity, sheet.symbol, value, u, limit, sheet.of_axis(k)
+    )
+
+
+def kind_remarks(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> tuple[str, ...]:
+    """Return where the ratio of white noise is √2 or 1/√2: the other kind may be meant."""
+    found: list[str] = []
+    for quantity in QUANTITIES:
+        ratios = [
+            one.ratio
+            for one in rows
+            if one.quantity == quantity and one.symbol == "N" and one.ratio
+        ]
+        stated = sheet.coefficient(quantity, "N")
+        if not ratios or stated is None or " rms " in stated.stated:
+            continue
+        is_density = stated.stated.endswith("(density)")
+        # Of a density √2 times N was taken off.
+        factor = sqrt(2) if is_density else 1 / sqrt(2)
+        mean = root_mean_of_squares(ratios)
+        if abs(mean / factor - 1) < _NEAR:
+            other = "random walk" if is_density else "density"
+            value = shown(stated.mean * factor, "N", quantity)
+            found.append(
+                f"the {quantity}s' N is {mean:.2f} times the data sheet's: as a {other}, "
+                f"{stated.stated.rpartition(' (')[0]} would be N = {value}, which is close to the "
+                "measured; check white_kind"
+            )
+    return tuple(found)
+
+
+def comparison_object(one: SheetComparison) -> dict[str, Any]:
+    """Return a comparison for JSON, SI."""
+    return {
+        "channel": one.channel,
+        "symbol": one.symbol,
+        "measured": one.value or None,
+        "u": one.u if one.value and isfinite(one.u) else None,
+        "upper_limit": one.limit,
+        "data_sheet": one.sheet,
+        "ratio": one.ratio,
+        "ratio_u": one.ratio_u,
+    }

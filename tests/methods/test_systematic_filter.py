@@ -1,0 +1,165 @@
+"""The Kalman form of systematic calibration: values, uncertainties, refusals, live estimate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.methods import systematic_table as made
+from tests.methods.systematic_cases import (
+    METHOD,
+    errors_of,
+    group_of,
+    observations_of,
+    sensor_of,
+    solved,
+    table_of,
+    unit_of,
+)
+from tests.refusals import refused
+
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Gaussian
+from inercal.methods.systematic.filter_estimators import LiveNavigation, solve_by_filter
+from inercal.recording import Track
+from inercal.sensors import Sensor
+
+SHORT = made.Table(rest=12.0, first=12.0, last=12.0)
+# Stated deviations of the filter with a velocity of rests known to 0.01 mm/s, navigation grade, in
+# the units of the tables, from an independent program
+KNOWN = {
+    "gyro bias": 0.0062, "gyro scale": 1.52, "gyro delta": 0.52, "accelerometer k0": 2.8,
+    "accelerometer k1": 0.84, "accelerometer delta": 0.52, "accelerometer k2": 2.0,
+    "accelerometer arm": 0.79, "lag": 0.0065,
+}  # fmt: skip
+
+
+def device(
+    grade: str, seed: int = 1, table: made.Table = SHORT, *, noisy: bool = True, rate: float = 20.0
+) -> made.Recorded:
+    rng = np.random.default_rng(seed)
+    truth, lag = made.draw_truth(made.GRADES[grade], rng)
+    noise = made.GRADES[grade] if noisy else None
+    return made.record(truth, lag, table, rng, grade=noise, rate_hz=rate)
+
+
+def track_of(recorded: made.Recorded, sensor: Sensor) -> Track:
+    track = observations_of(recorded, sensor).track
+    assert track is not None
+    return track
+
+
+@pytest.mark.parametrize("grade", ["N", "T"])
+def test_without_noise_the_filter_finds_every_coefficient(grade: str):
+    sensor = sensor_of(made.GRADES[grade])
+    recorded = device(grade, noisy=False, rate=100.0)
+    estimate = solved(recorded, sensor, table_of(SHORT), estimator="kalman")
+    error, covariance = errors_of(estimate, recorded, sensor)
+    assert np.all(estimate.converged)
+    assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 0.005
+
+
+def test_filter_and_batch_agree_and_the_batch_is_no_worse():
+    sensor, recorded = sensor_of(made.TACTICAL), device("T", seed=3)
+    by_filter, batch = (
+        solved(recorded, sensor, table_of(SHORT), estimator=name) for name in ("kalman", "batch")
+    )
+    p = len(sensor.coefficients) + 1
+    u, least = (np.sqrt(np.diag(one.covariance))[:p] for one in (by_filter, batch))
+    assert np.all(least < 1.05 * u)
+    assert np.abs((by_filter.value - batch.value[: by_filter.value.size])[:p] / u).max() < 2
+    assert 0.9 < float(by_filter.chi2) / by_filter.dof < 1.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grade", ["N", "T"])
+def test_deviations_are_those_of_an_independent_filter_and_cover_the_errors(grade: str):
+    table, sensor, count = made.Table(), sensor_of(made.GRADES[grade]), 6
+    nees: list[float] = []
+    deviations: list[np.ndarray] = []
+    for seed in range(count):
+        recorded = device(grade, seed, table)
+        estimate = solved(recorded, sensor, table_of(table), estimator="kalman")
+        error, covariance = errors_of(estimate, recorded, sensor)
+        nees.append(float(error @ np.linalg.solve(covariance, error)) / error.size)
+        deviations.append(np.sqrt(np.diag(covariance)))
+    assert 0.8 < np.mean(nees) < 1.3  # 99.9 %: ± .34
+    if grade == "N":
+        groups: dict[str, list[float]] = {}
+        for name, one in zip(
+            (*sensor.coefficients, "lag"), np.mean(deviations, axis=0), strict=True
+        ):
+            groups.setdefault(group_of(name), []).append(one / unit_of(name))
+        found = {name: float(np.sqrt(np.mean(np.square(ones)))) for name, ones in groups.items()}
+        assert found == pytest.approx(KNOWN, rel=0.1)
+
+
+def test_a_prior_is_part_of_the_estimate():
+    sensor, recorded = sensor_of(made.TACTICAL), device("T", seed=4)
+    k = sensor.coefficients.index("gx.scale")
+    plain = solved(recorded, sensor, table_of(SHORT), estimator="kalman")
+    stated = Gaussian.independent(("gx.scale",), [plain.value[k]], [1e-6])
+    with_prior = solved(recorded, sensor, table_of(SHORT), priors=(stated,), estimator="kalman")
+    assert np.sqrt(with_prior.covariance[k, k]) == pytest.approx(1e-6, rel=0.01)
+    assert np.sqrt(plain.covariance[k, k]) > 10e-6
+    assert with_prior.value[k] == pytest.approx(plain.value[k], abs=1e-7)
+
+
+def test_coefficients_that_the_run_leaves_open_are_named():
+    # All turns about x and y: only misalignments sense the gyro z.
+    table = replace(SHORT, path=("+y", "+y", "+x", "+x", "-y", "-y", "-x", "-x"))
+    sensor, recorded = sensor_of(made.NAVIGATION), device("N", table=table)
+    track, labels = track_of(recorded, sensor), tuple(f"p{k + 1}" for k in range(9))
+    with pytest.raises(NotObserved) as refusal:
+        solve_by_filter(track, labels, sensor, table_of(table))
+    assert "gz.scale" in refusal.value.names
+
+
+def test_the_live_filter_begins_when_rests_show_the_azimuth():
+    table, sensor = made.Table(rest=12.0, first=12.0, last=12.0), sensor_of(made.TACTICAL)
+    track = track_of(device("T", seed=5), sensor)
+    live = LiveNavigation(sensor, table_of(table), (), float(track.time[-1]), 20.0)
+    ends = (np.flatnonzero((track.hold[:-1] >= 0) & (track.hold[1:] < 0)) + 1).tolist()
+    begun, start = 0, 0
+    for k, end in enumerate(ends):
+        live.feed(track.slice(start, end + 1))
+        start = end + 1
+        begun += not live.estimate()
+        assert bool(live.estimate()) == (k >= 7), k  # the first seven rests turn about y alone
+    live.feed(track.slice(start, track.time.size))
+    found = live.estimate()["all"]
+    assert found.components > 0.8 * 3 * (track.hold >= 0).sum() / 4
+    assert found.nis / found.components == pytest.approx(1, abs=0.1)
+
+
+def test_a_live_run_with_a_reversed_axis_is_refused_by_name():
+    sensor = sensor_of(made.TACTICAL)
+    track = track_of(device("T", seed=5), sensor)
+    reading = track.reading.copy()
+    reading[:, 1] *= -1
+    live = LiveNavigation(sensor, table_of(SHORT), (), float(track.time[-1]), 20.0)
+    with pytest.raises(InputError, match="y of the accelerometers is reversed"):
+        live.feed(replace(track, reading=reading))
+
+
+def test_a_live_run_refuses_samples_missing_in_a_turn_but_not_in_a_rest():
+    sensor = sensor_of(made.TACTICAL)
+    track = track_of(device("T", seed=5), sensor)
+    rest = int(np.flatnonzero(track.hold == 2)[50])
+    turn = int(np.flatnonzero(track.hold < 0)[-100])
+    for at, wanted in ((rest, False), (turn, True)):
+        live = LiveNavigation(sensor, table_of(SHORT), (), float(track.time[-1]), 20.0)
+        live.feed(track.slice(0, at))
+        after = track.slice(at + 5, track.time.size)
+        if wanted:
+            with refused(key="[data]"):
+                live.feed(after)
+        else:
+            live.feed(after)
+            assert live.estimate()
+
+
+def test_a_live_run_needs_both_triads():
+    part = sensor_of(made.TACTICAL).select_axes("w")
+    assert METHOD.sequential is not None
+    with pytest.raises(InputError, match="three accelerometers and three gyros"):
+        LiveNavigation(part, table_of(SHORT), (), 100.0, 20.0)
