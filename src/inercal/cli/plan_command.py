@@ -9,6 +9,7 @@ from inercal.cli.worker_option import SCHEDULER, WORKERS
 
 NAME = "plan"
 _POSITIONS, _SECONDS = 24, 3.0  # by hand
+_TRIALS = 60
 
 
 def run(
@@ -34,6 +35,15 @@ def run(
         "-o",
         help="The table to fill (.csv), on a bench that has a worksheet; some also have a page to "
         "print (.html).",
+    ),
+    optimise: str | None = typer.Option(
+        None,
+        metavar="DURATION",
+        help='Search for a better path of systematic of at most this time, such as "20 min"; --out '
+        "writes it as a file for [method] path.",
+    ),
+    trials: int | None = typer.Option(
+        None, min=1, help=f"Paths that --optimise judges (default {_TRIALS})."
     ),
     force: bool = typer.Option(False, "--force", help="Write over an existing worksheet."),
     workers: int | None = WORKERS,
@@ -68,6 +78,15 @@ def run(
             key="--run",
         )
     keys |= _method_keys(positions, seconds)
+    if optimise is not None:
+        from inercal.cli.plan_optimisation import print_optimised_plan
+
+        print_optimised_plan(
+            run_file, keys, optimise, trials or _TRIALS, out, force=force, json=json
+        )
+        return
+    if trials is not None:
+        raise InputError("--trials: goes with --optimise alone; remove it", key="--trials")
     with open_executor(workers, scheduler) as executor:
         print_plan(run_file, keys, out, executor, force=force, json=json)
 

@@ -68,6 +68,26 @@ def print_plan(
             )
         else:
             plan = _path_plan(run) if run.kind.sampled else _hand_plan(run, executor)
+    _print_plan(run, plan, files, json=json)
+    if files and not json:
+        print(_next_step(run, files["sheet"]))
+
+
+def print_path_plan(
+    run: "Run",
+    notes: Sequence[str],
+    more: Mapping[str, Any],
+    files: Mapping[str, Path],
+    *,
+    json: bool,
+) -> None:
+    """Print the plan of a run on a turntable, with further notes and keys of the JSON object."""
+    plan = _path_plan(run)
+    plan = plan._replace(notes=(*notes, *plan.notes), more={**plan.more, **more})
+    _print_plan(run, plan, files, json=json)
+
+
+def _print_plan(run: "Run", plan: _Plan, files: Mapping[str, Path], *, json: bool) -> None:
     if json:
         expected = [_uncertainty_as_object(each) for each in plan.expected[0]]
         content: dict[str, Any] = {
@@ -80,8 +100,6 @@ def print_plan(
         return
     _print(run, plan)
     print_written_files(files)
-    if files:
-        print(_next_step(run, files["sheet"]))
 
 
 def _next_step(run: "Run", sheet: Path) -> str:

@@ -114,8 +114,40 @@ def turntable_path_sheet(run: Run) -> PathSheet:
     return PathSheet(run, _path_steps(way, steps), expected, undecided, warnings)
 
 
-def ideal_track(run: Run, bench: Turntable, way: PathProfile, steps: Sequence[TableStep]) -> Track:
-    """Return the track of an ideal sensor on an ideal table, at the run's sampling rate.
+def path_uncertainties(
+    run: Run, steps: Sequence[TableStep], rate_hz: float
+) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
+    """Return the expected uncertainties of a path whose angles are not used, and its warnings.
+
+    Parameters
+    ----------
+    run : Run
+        By a method that uses no angle of the table.
+    steps : sequence of Position or Rotation
+        In place of the run's own.
+    rate_hz : float
+        Of the samples.
+
+    Raises
+    ------
+    InputError
+        A path that the table cannot follow, or without rests.
+    NotObserved
+        Coefficients that the path leaves open.
+    """
+    bench = require_turntable(run)
+    track = ideal_track(run, bench, path_profile(bench, steps), steps, rate_hz)
+    return still_table_uncertainties(run, bench, track)
+
+
+def ideal_track(
+    run: Run,
+    bench: Turntable,
+    way: PathProfile,
+    steps: Sequence[TableStep],
+    rate_hz: float | None = None,
+) -> Track:
+    """Return the track of an ideal sensor on an ideal table, at a rate or at the run's own.
 
     Parameters
     ----------
@@ -124,8 +156,9 @@ def ideal_track(run: Run, bench: Turntable, way: PathProfile, steps: Sequence[Ta
     way : PathProfile
         Through the steps.
     steps : sequence of Position or Rotation
+    rate_hz : float, optional
     """
-    rate = run.rate_hz or _RATE
+    rate = rate_hz or run.rate_hz or _RATE
     time = np.arange(int(way.ends[-1] * rate) + 1) / rate
     angles, rates, accelerations = way.evaluate(time)
     result = motion(bench, angles, rates, accelerations, {})
