@@ -24,7 +24,7 @@ SILENT = lambda tried: None  # noqa: E731
 def test_a_found_path_turns_about_level_axes_within_limits_and_time(tmp_path: Path):
     run = read(RUN, {"path": "systematic", "seconds": "20 s"})
     bench = require_turntable(run)
-    found = search_path(run, SHORT, 12, 1, SILENT)
+    found = search_path(run, SHORT, 6, 1, SILENT)
     assert turntable_path_duration(bench, found.steps) <= SHORT
     quarters = np.array([one.angles for one in found.steps]) / np.radians(90)
     np.testing.assert_allclose(quarters, np.rint(quarters), atol=1e-9)
@@ -44,9 +44,10 @@ def test_a_found_path_turns_about_level_axes_within_limits_and_time(tmp_path: Pa
     )
 
 
+@pytest.mark.slow
 def test_the_search_lowers_the_uncertainties_and_says_by_how_much():
     run = read(RUN, {"path": "systematic", "seconds": "20 s"})
-    first, found = (search_path(run, SHORT, trials, 1, SILENT) for trials in (1, 24))
+    first, found = (search_path(run, SHORT, trials, 1, SILENT) for trials in (1, 16))
     assert found.ratio < 0.99 * first.ratio
     u = [
         np.array([one.std for one in path_uncertainties(run, steps, 10.0)[0]])
