@@ -18,6 +18,7 @@ PAGES = (
     "reference/run-file",
     "reference/python",
     "reference/dependencies",
+    "reference/speed",
 )
 
 
