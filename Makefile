@@ -24,7 +24,8 @@ NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
   tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py \
   tests/observe/test_norm*.py tests/design/test_path*.py tests/test_kernel_cache.py
 
-.PHONY: help demo quick test slow check bench evidence architecture glossary verbs pictures docs lock format clean
+.PHONY: help demo quick test slow check bench evidence architecture glossary verbs dependencies pictures notebooks docs \
+  lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
@@ -80,6 +81,12 @@ glossary: $(INSTALLED)  ## write the page of the terms
 verbs: $(INSTALLED)  ## write the page of the verbs
 	$(BIN)/python -m tools.verbs_page
 
+dependencies: $(INSTALLED)  ## write the page of the dependencies, with sizes and licences: after make lock
+	$(BIN)/python -m tools.dependencies_page
+
+notebooks: $(INSTALLED)  ## run the notebooks, and write their pages
+	$(BIN)/python -m tools.notebook_pages
+
 pictures: $(INSTALLED)  ## take the pictures of README and site, by the system's chromium
 	$(BIN)/python -m tools.pictures
 
@@ -97,4 +104,4 @@ lock: $(INSTALLED)  ## resolve the dependencies anew: hashes, no addresses
 	  pyproject.toml --output-file requirements.lock
 
 clean:  ## remove the environment and what runs left
-	rm -rf $(VENV) demo-output site .pytest_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) demo-output site .hypothesis .pytest_cache .ruff_cache .import_linter_cache

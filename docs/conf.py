@@ -1,15 +1,18 @@
 """How `make docs` builds the site from these pages: Sphinx, MyST, Furo; nothing from other hosts.
 
 The pages are read in an editor and on a code host too. So the tree beside each page is made from
-the lists of `index.md`, and links to files outside this folder become downloads.
+the lists of `index.md`, and links to files outside this folder become downloads. A link to the
+folder of the examples becomes a download of all of them, for who has the site and the wheel alone.
 """
 
 import re
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
 from sphinx.application import Sphinx
 
 DOCS = Path(__file__).parent
+EXAMPLES = DOCS.parent / "examples"
 
 project = "inercal"
 author = "the inercal developers"
@@ -55,6 +58,9 @@ def keep_links_inside(text: str, folder: Path) -> str:
 
     def kept(found: re.Match[str]) -> str:
         words, target = found[1], (folder / found[2]).resolve()
+        if target == EXAMPLES:
+            up = "../" * len(folder.relative_to(DOCS).parts)
+            return f'<a href="{up}examples.zip" download>{words}</a>'
         inside = target.is_relative_to(DOCS)
         return found[0] if inside or (target.is_file() and target.suffix != ".md") else words
 
@@ -83,6 +89,16 @@ def _prepare(_: Sphinx, name: str, content: list[str]) -> None:
         content[0] = add_tree(content[0])
 
 
+def _pack_examples(app: Sphinx, error: Exception | None) -> None:
+    if error is not None:
+        return
+    with ZipFile(app.outdir / "examples.zip", "w", ZIP_DEFLATED) as archive:
+        for path in sorted(EXAMPLES.rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                archive.write(path, path.relative_to(EXAMPLES.parent))
+
+
 def setup(app: Sphinx) -> None:
-    """Prepare each page before it is parsed."""
+    """Prepare each page before it is parsed, and pack the examples when all are written."""
     app.connect("source-read", _prepare)
+    app.connect("build-finished", _pack_examples)

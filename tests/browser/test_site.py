@@ -3,12 +3,23 @@
 import subprocess
 import sys
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from playwright.sync_api import Browser
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("index", "tutorials/first-calibration", "reference/run-file", "reference/python")
+PAGES = (
+    "index",
+    "tutorials/first-calibration",
+    "notebooks/compare_methods",
+    "notebooks/noise_to_filter",
+    "notebooks/quickstart",
+    "reference/run-file",
+    "reference/python",
+    "reference/dependencies",
+    "reference/speed",
+)
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +38,21 @@ def test_every_page_of_the_index_is_in_the_site(site: Path):
     pages = {path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md")}
     missing = {page for page in pages if not (site / page).with_suffix(".html").is_file()}
     assert not missing
+
+
+@pytest.mark.slow
+def test_the_examples_are_a_download_of_each_tutorial(site: Path):
+    examples = DOCS.parent / "examples"
+    with ZipFile(site / "examples.zip") as archive:
+        packed = {name: archive.read(name) for name in archive.namelist()}
+    files = [path for path in examples.rglob("*") if path.is_file()]
+    assert packed == {
+        path.relative_to(DOCS.parent).as_posix(): path.read_bytes()
+        for path in files
+        if "__pycache__" not in path.parts
+    }
+    for page in (site / "tutorials").glob("*.html"):
+        assert 'href="../examples.zip"' in page.read_text(encoding="utf-8"), page.name
 
 
 @pytest.mark.slow

@@ -107,7 +107,7 @@ def test_what_is_not_known_is_left_out_and_none_is_not_nothing(tmp_path: Path):
 
 
 def test_a_file_of_schema_1_is_read_and_written_as_schema_2(tmp_path: Path):
-    first = Path(__file__).with_name("schema_1.calibration.json")
+    first = Path(__file__).with_name("stored") / "calibration_1.json"
     old = json.loads(first.read_text(encoding="utf-8"))
     assert old["schema"] == "inercal/calibration/1"
     found = load(first)

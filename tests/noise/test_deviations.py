@@ -47,6 +47,19 @@ def test_deviations_of_nbs14_agree_to_seven_digits(nbs14: np.ndarray, kind: str)
         assert abs(value - printed) <= units * last_digit
 
 
+@pytest.mark.parametrize("kind", ["adev", "oadev", "mdev", "hdev", "ohdev", "tdev"])
+def test_deviations_are_those_of_allantools(kind: str):
+    import allantools
+
+    y = np.cumsum(np.random.default_rng(7).standard_normal(5000)) * 0.01
+    y += np.random.default_rng(8).standard_normal(5000)
+    factors = [1, 3, 16, 100, 700]
+    tau, theirs, _, _ = getattr(allantools, kind)(y, 50.0, "freq", np.array(factors) / 50.0)
+    np.testing.assert_allclose(tau, np.array(factors) / 50.0)
+    ours = deviations(y, 0.02, kind, factors=factors).value
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9)
+
+
 def test_mtot_of_nbs14_without_bias_correction(nbs14: np.ndarray):
     x = cumulative_sum(nbs14)
     found = [variance(x, m, "mtot")[0] ** 0.5 for m in (1, 10, 100)]

@@ -111,8 +111,9 @@ def _variable(
 def _contents(name: str, value: Any) -> Iterator[Variable]:
     """Yield a value as a variable, or the fields of a struct."""
     kind = type(value).__name__
-    if kind == "MatlabOpaque":  # its name is stored inside
-        known = np.ravel(value)[0]["s0"] if value.size else name
+    if kind == "MatlabOpaque":  # before SciPy 1.18 its name is stored inside alone
+        inside = value.size and "s0" in (value.dtype.names or ())
+        known = np.ravel(value)[0]["s0"] if inside else name
         yield Variable(known.decode() if isinstance(known, bytes) else name, refused=OBJECT)
     elif kind in ("MatlabFunction", "MatlabObject"):
         yield Variable(name, refused=FUNCTION if kind == "MatlabFunction" else OBJECT)

@@ -12,7 +12,7 @@ from inercal.plan import Rotation, Turn
 from inercal.report.drawing import MAX_NAMES, SHAPES
 from inercal.report.figures import BAND_LIMIT, residual_tables
 
-_BAND = "0.92"  # grey
+_BAND = ("0.5", 0.16)  # grey, on light and on dark
 
 
 def residual_axes(outcome: Outcome, axes: Axes | None) -> Axes:
