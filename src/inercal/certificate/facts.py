@@ -1,5 +1,8 @@
 """What a certificate states in words, as pairs of name and text: the same for PDF and DCC."""
 
+import numpy as np
+
+from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.calibration.specification import probability_text
 from inercal.calibration.verdict import LARGEST_UNCERTAINTIES
@@ -13,6 +16,8 @@ from inercal.certificate.texts import Texts
 from inercal.sensors.coefficient_tables import G0
 from inercal.uncertainty.coverage import COVERAGE_PROBABILITY
 from inercal.units import ZERO_CELSIUS, si_factor
+
+_ALONG = 1e-6  # of a unit vector along an axis, at most this short of 1
 
 Fact = tuple[str, str]
 Statement = tuple[str, tuple[str, ...]]
@@ -28,12 +33,29 @@ def method_facts(certificate: Certificate) -> list[Fact]:
         (texts.text("estimator"), way),
         (texts.text("frame"), texts.word("frame", calibration.frame)),
         (texts.text("equation"), texts.text("equation_text")),
+        (texts.text("input_axes"), _input_axes(calibration)),
         (texts.text("software"), f"inercal {provenance.get('inercal', '')}".strip()),
         (texts.text("recording"), _file_and_hash(calibration, "recording")),
         (texts.text("run_file"), _file_and_hash(calibration, "run file")),
         (texts.text("calibration_file"), certificate.calibration_sha256),
     ]
     return [(name, text) for name, text in facts if text]
+
+
+def _input_axes(calibration: Calibration) -> str:
+    """Return where I, P and O of each axis point: "ax +x, +y, +z"."""
+    return "; ".join(
+        f"{axis.name} {', '.join(_direction(vector) for vector in axis.frame)}"
+        for axis in calibration.sensor.axes
+    )
+
+
+def _direction(vector: Array) -> str:
+    """Return the axis of the frame that a unit vector lies along, or its components."""
+    k = int(np.argmax(np.abs(vector)))
+    if abs(vector[k]) > 1 - _ALONG:
+        return ("−" if vector[k] < 0 else "+") + "xyz"[k]
+    return "(" + " ".join(f"{part:.4f}".replace("-", "−") for part in vector) + ")"
 
 
 def _file_and_hash(calibration: Calibration, what: str) -> str:
@@ -54,10 +76,18 @@ def condition_facts(certificate: Certificate, calibration: Calibration) -> list[
         (texts.text("ambient_temperature"), job.ambient_temperature),
         (texts.text("ambient_humidity"), job.ambient_humidity),
         (texts.text("ambient_pressure"), job.ambient_pressure),
-        *((texts.word("condition", name), text) for name, text in calibration.conditions.items()),
+        *(
+            (texts.word("condition", name), _with_coverage(name, text))
+            for name, text in calibration.conditions.items()
+        ),
         *_ranges(texts, calibration),
     ]
     return [(name, text) for name, text in facts if text]
+
+
+def _with_coverage(name: str, text: str) -> str:
+    """Return a condition that says what its ± is: standard uncertainties are stated."""
+    return f"{text} (k = 1)" if " ± " in text and "k = " not in name + text else text
 
 
 def _ranges(texts: Texts, calibration: Calibration) -> list[Fact]:

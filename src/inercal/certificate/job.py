@@ -64,19 +64,20 @@ def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:
     InputError
         It names every key that is missing.
     """
-    missing = [f"[job] {key}" for key in _OF_JOB if getattr(job, key) is None]
+    of_job = [f"[job] {key}" for key in _OF_JOB if getattr(job, key) is None]
     procedure = job.procedure or laboratory.procedure
-    missing += [
+    of_laboratory = [
         f"{key} of the laboratory's file"
         for key in _OF_LABORATORY
         if getattr(laboratory, key) is None and not (key == "procedure" and procedure)
     ]
-    if missing:
+    if missing := (*of_job, *of_laboratory):
+        places = ["[job] keys in the run file or in a file given by --job"] if of_job else []
+        places += ["the laboratory's keys in the file given by --lab"] if of_laboratory else []
         raise InputError(
-            f"a certificate needs {', '.join(missing)}; state them in the run file's [job], in a "
-            "file given by --job, or in the laboratory's file",
+            f"a certificate needs {', '.join(missing)}; state {', '.join(places)}",
             key=missing[0],
-            names=tuple(missing),
+            names=missing,
         )
     if job.measured_until and job.measured and job.measured_until < job.measured:
         raise InputError(

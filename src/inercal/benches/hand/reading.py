@@ -256,10 +256,10 @@ def _free_rests(
 def _conditions(run: Source[RestsSection], bench: Hand) -> dict[str, str]:
     conditions = {"gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²")}
     if not run.method.unknown_attitudes:
-        conditions |= {
-            "tilt of faces (k = 1)": format_quantity(bench.tilt, 0.0, "°"),
-            "angle of turns (k = 1)": format_quantity(bench.turn_angle, 0.0, "°"),
-        }
+        conditions["tilt of faces (k = 1)"] = format_quantity(bench.tilt, 0.0, "°")
+        if any(isinstance(step, Turn) for step in nominal_plan(run)):
+            key = "angle of turns (k = 1)"
+            conditions[key] = format_quantity(bench.turn_angle, 0.0, "°")
     if bench.turn_on:
         key = "gyros' bias in a recording (k = 1)"
         conditions[key] = format_quantity(bench.turn_on, 0.0, "°/h")
