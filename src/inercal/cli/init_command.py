@@ -51,10 +51,15 @@ def run(
     if draft.questions and asks:
         draft = _ask(draft, logs, known)
     write_text(path, draft.text)
+    missing = None
     if report:
+        from inercal.errors import MissingExtra
         from inercal.report import write_draft
 
-        files["page"] = write_draft(draft, page)
+        try:
+            files["page"] = write_draft(draft, page)
+        except MissingExtra as error:
+            missing = error
     if json:
         print_json(_as_object(draft) | {what: str(name) for what, name in files.items()})
         return
@@ -70,6 +75,8 @@ def run(
         )
     if not draft.questions:
         print(f"next: inercal calibrate {path}")
+    if missing is not None:
+        print(f"inercal: no page: {missing}", file=sys.stderr)
 
 
 def stated_keys(texts: Sequence[str]) -> dict[str, str]:

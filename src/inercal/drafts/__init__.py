@@ -175,7 +175,10 @@ def draft_run_file(
         raise InputError(
             f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
         )
-    keys = [DraftKey("method", "name", found.method.name, "the first of the above that fits")]
+    reason = "the first of the above that fits"
+    if found.questions:
+        reason = "not tried yet: inercal init with the answers tries all of the above"
+    keys = [DraftKey("method", "name", found.method.name, reason)]
     keys += [DraftKey("method", key, value) for key, value in found.method.keys.items()]
     return replace(found, entries=(*entries, *keys))
 

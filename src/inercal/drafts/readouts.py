@@ -266,7 +266,9 @@ def guess_gyro(
             return GuessedReadout(unit, "", 0.0, _GYRO_UNITS[unit], text, rate_hz=rates[unit])
     if size is None or dt is None:
         known_with = "with the rate, --set data.rate, inercal init finds it"
-        unknown = known_with if size is not None else "no turns between rests show it"
+        unknown = known_with if size is not None else "no turn between rests determines it"
+        if size is None and whole:
+            unknown += "; of raw counts LSB, with sensor.gyro.scale such as 131 LSB/(°/s)"
         return GuessedReadout("°/s", "", offset, np.pi / 180, unknown, False)
     size /= dt
     for unit, si in _GYRO_UNITS.items():
