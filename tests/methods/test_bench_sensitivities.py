@@ -146,6 +146,7 @@ def test_every_estimator_is_in_one_of_the_lists():
         ("ship_multi_angle", "global"),
         ("temperature_ramp", "gls"),  # uses no error of a bench
         ("systematic", "batch"),  # by tests/methods/test_systematic.py
+        ("systematic", "kalman"),  # by tests/methods/test_systematic_filter.py
     }
 
 

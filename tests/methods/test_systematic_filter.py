@@ -163,3 +163,28 @@ def test_a_live_run_needs_both_triads():
     assert METHOD.sequential is not None
     with pytest.raises(InputError, match="three accelerometers and three gyros"):
         LiveNavigation(part, table_of(SHORT), (), 100.0, 20.0)
+
+
+def test_what_is_stated_of_gravity_and_latitude_is_part_of_u():
+    sensor, recorded = sensor_of(made.TACTICAL), device("T", seed=6)
+    exact = table_of(SHORT)
+    stated = replace(
+        exact,
+        gravity=replace(exact.gravity, sd=4e-4),
+        latitude=replace(exact.latitude, sd=np.radians(0.5)),
+    )
+    without, by_filter = (
+        solved(recorded, sensor, one, estimator="kalman") for one in (exact, stated)
+    )
+    batch = solved(recorded, sensor, stated)
+    assert {"g", "latitude"} <= set(by_filter.names)
+    assert not {"g", "latitude"} & set(without.names)
+    g = by_filter.names.index("g")
+    assert np.sqrt(by_filter.covariance[g, g]) == pytest.approx(4e-4, rel=1e-3)
+    for name in ("ax.k1", "ay.k1", "az.k1"):
+        k = sensor.coefficients.index(name)
+        added = by_filter.covariance[k, k] - without.covariance[k, k]
+        assert added == pytest.approx((4e-4 / SHORT.gravity) ** 2, rel=0.02)
+        # As in the batch, whose columns by gravity other calibrations share
+        other = batch.covariance[k, batch.names.index("g")]
+        assert by_filter.covariance[k, g] == pytest.approx(other, rel=0.02)
