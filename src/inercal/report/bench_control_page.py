@@ -12,7 +12,7 @@ from inercal.check_standard.bench_chart_texts import bench_lines, day_signals, n
 from inercal.check_standard.bench_charts import BenchCharts
 from inercal.check_standard.chart_texts import day
 from inercal.report import drawing
-from inercal.report.control_page import LASTING_WORDS, draw_dates, draw_points
+from inercal.report.control_page import LASTING_WORDS, doubtful_rows, draw_dates, draw_points
 from inercal.report.drawing import BAND, MUTED, PAPER, WARN, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
@@ -45,7 +45,7 @@ def page(found: BenchCharts, doubtful: Sequence[CalibrationEntry] = ()) -> str:
         lasting=LASTING_WORDS[found.lasting_kind],
         parameters=[tuple(map(typeset_minus, row)) for row in newest_statistics(found)],
         signals=day_signals(found),
-        doubtful=[(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in doubtful],
+        doubtful_rows=doubtful_rows(doubtful),
     )
 
 

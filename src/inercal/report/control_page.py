@@ -73,10 +73,13 @@ def page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = Non
             if not one.in_control
         ],
         doubtful=doubtful,
-        doubtful_rows=[
-            (f"#{one.id}", one.sensor, day(one.measured), one.method) for one in doubtful or ()
-        ],
+        doubtful_rows=doubtful_rows(doubtful or ()),
     )  # fmt: skip
+
+
+def doubtful_rows(entries: Sequence[CalibrationEntry]) -> list[tuple[str, str, str, str]]:
+    """Return the rows of the section of doubtful calibrations."""
+    return [(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in entries]
 
 
 def _sentence(line: str) -> str:
