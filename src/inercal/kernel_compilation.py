@@ -131,13 +131,17 @@ def _follow_recording(driven: Path, name: str) -> None:
 
 
 def _calibrate_by_navigation(folder: Path) -> None:
-    """Simulate an IMU that rests and turns on a table whose angles are not used; calibrate it."""
+    """Simulate an IMU that rests and turns on a table whose angles are not used; calibrate it.
+
+    By the estimators one after the other: that of live estimates has a kernel of its own.
+    """
     path = folder / "navigation.toml"
     path.write_text(_NAVIGATION, encoding="utf-8")
     run = read(path)
     made = simulate_files(run, 0)
     write_recordings({run.file(name): one for name, one in made.items()})
-    calibrate(run)
+    for estimator in run.method.estimators:
+        calibrate(read(path, {"estimator": estimator}))
 
 
 def _calibrate_by_hand(folder: Path) -> None:
