@@ -47,7 +47,7 @@ def test_a_found_path_turns_about_level_axes_within_limits_and_time(tmp_path: Pa
 @pytest.mark.slow
 def test_the_search_lowers_the_uncertainties_and_says_by_how_much():
     run = read(RUN, {"path": "systematic", "seconds": "20 s"})
-    first, found = (search_path(run, SHORT, trials, 1, SILENT) for trials in (1, 16))
+    first, found = (search_path(run, SHORT, trials, 1, SILENT) for trials in (1, 24))
     assert found.ratio < 0.99 * first.ratio
     u = [
         np.array([one.std for one in path_uncertainties(run, steps, 10.0)[0]])
