@@ -26,7 +26,8 @@ def test_errors_are_as_large_as_stated(case: str):
     wide = "flicker" in case
     assert (0.9 if wide else 0.93) <= one["nees"] <= (1.2 if wide else 1.07)
     assert 0.93 <= one["covered"] <= 0.97
-    assert 0.94 <= one["chi2"] <= 1.06
+    # The filter allows a table at rest 0.01 mm/s, which the simulated one does not take: NIS < 1.
+    assert (0.88 if "kalman" in case else 0.94) <= one["chi2"] <= 1.06
     assert one["largest_ratio"] < 1.35
 
 
