@@ -162,11 +162,14 @@ def test_one_worker_needs_no_other_process():
 @pytest.fixture
 def waiting(tmp_path: Path) -> Generator[subprocess.Popen[str]]:
     """Return a program, two processes of which have been running tasks without end."""
+    # A shell's background ignores interrupts, and what it starts would inherit that.
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
     process = subprocess.Popen(
         [sys.executable, "-m", "tests.parallel.tasks", str(tmp_path)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         cwd=Path(__file__).parents[2],
     )  # fmt: skip
+    signal.signal(signal.SIGINT, before)
     end = time.monotonic() + LIMIT
     while len(list(tmp_path.iterdir())) < 2:
         assert time.monotonic() < end
