@@ -19,7 +19,7 @@ from inercal.recording.temperature_course import (
     ahead_of_lag,
     temperature_rate,
 )
-from inercal.recording.track import AngleQuality, Track
+from inercal.recording.track import AngleQuality, Track, join_tracks
 from inercal.recording.transitions import HalfSectionChanges, Transitions
 
 __all__ = [
@@ -38,6 +38,7 @@ __all__ = [
     "Transitions",
     "ahead_of_lag",
     "join_observations",
+    "join_tracks",
     "line_of_row",
     "temperature_rate",
 ]

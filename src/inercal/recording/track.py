@@ -1,5 +1,6 @@
 """The samples of a run in SI, for estimators that follow them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -151,3 +152,24 @@ class Track:
     def temperature_varies(self) -> bool:
         """Whether the recorded temperatures differ, as of `Observations`."""
         return temperature_varies(self.temperature)
+
+
+def join_tracks(tracks: Sequence[Track]) -> Track:
+    """Return the tracks of one run one after the other, each of one trial.
+
+    Temperature and quality of the angles are left out where a track lacks them.
+    """
+    temperatures = [one.temperature for one in tracks if one.temperature is not None]
+    qualities = [one.angle_quality for one in tracks if one.angle_quality is not None]
+    complete = len(temperatures) == len(tracks)
+    return Track(
+        np.concatenate([one.time for one in tracks]),
+        np.concatenate([one.reading for one in tracks]),
+        np.concatenate([one.angles for one in tracks]),
+        np.concatenate([one.hold for one in tracks]),
+        np.concatenate(temperatures) if complete else None,
+        AngleQuality(*(np.concatenate(column) for column in zip(*qualities, strict=True)))
+        if len(qualities) == len(tracks)
+        else None,
+        tracks[0].samples_are_means,
+    )

@@ -7,8 +7,6 @@ the same steps. The final estimate may have larger uncertainties, by the excess 
 from collections.abc import Mapping, Sequence
 from math import inf
 
-import numpy as np
-
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 from inercal.benches.turntable.simulation import turntable_path_duration
@@ -23,7 +21,7 @@ from inercal.methods.turntable_kalman.filter_config import (
     FilterConfig,
 )
 from inercal.plan import TableStep
-from inercal.recording import AngleQuality, Track
+from inercal.recording import Track, join_tracks
 from inercal.sensors import Sensor
 
 _AnyRunningFilter = (
@@ -116,7 +114,7 @@ class FilterPair:
         if self._rest_start == inf and (track.hold >= 0).any():
             self._rest_start = float(track.time[track.hold >= 0][0])
         if track.time[-1] > self._rest_start + COARSE_REST_SECONDS:
-            self._begin(_join_tracks(self._pending_tracks))
+            self._begin(join_tracks(self._pending_tracks))
             self._pending_tracks = []
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
@@ -147,20 +145,3 @@ def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
         float(one.state.nis),
         one.components,
     )
-
-
-def _join_tracks(tracks: Sequence[Track]) -> Track:
-    return Track(
-        np.concatenate([one.time for one in tracks]),
-        np.concatenate([one.reading for one in tracks]),
-        np.concatenate([one.angles for one in tracks]),
-        np.concatenate([one.hold for one in tracks]),
-        angle_quality=_join_angle_quality([one.angle_quality for one in tracks]),
-    )
-
-
-def _join_angle_quality(parts: Sequence[AngleQuality | None]) -> AngleQuality | None:
-    known = [one for one in parts if one is not None]
-    if len(known) < len(parts):
-        return None
-    return AngleQuality(*(np.concatenate(column) for column in zip(*known, strict=True)))
