@@ -15,7 +15,7 @@ from math import exp, inf, log, radians
 import numpy as np
 
 from inercal.benches.turntable import Turntable, require_turntable
-from inercal.benches.turntable.paths import systematic_path
+from inercal.benches.turntable.paths import quarter_turn_path, systematic_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.design.turntable_path import path_uncertainties
 from inercal.errors import InputError, NotObserved
@@ -23,7 +23,6 @@ from inercal.plan import Position, TableStep
 from inercal.runfile import Run
 
 _REST_SECONDS = (20.0, 30.0, 40.0, 60.0)
-_FIRST_LONGER, _LAST_LONGER = 1.75, 2.25  # of a rest
 _LEAST_RESTS = 9
 _RATE = 10.0  # Hz, of the samples that plans are judged by
 _QUARTERS = 4
@@ -163,17 +162,12 @@ def _exchanged(turns: Sequence[Turn], rng: np.random.Generator) -> list[Turn]:
 
 
 def _steps(turns: Sequence[Turn], rest: float) -> tuple[Position, ...]:
-    at = [0, 0, 0]
-    attitudes = [tuple(at)]
+    at = {_MIDDLE: 0, _INNER: 0}
+    attitudes = [(0, 0, 0)]
     for axis, way in turns:
         at[axis] += way
-        attitudes.append(tuple(at))
-    last = len(attitudes) - 1
-    longer = {0: _FIRST_LONGER, last: _LAST_LONGER}
-    return tuple(
-        Position(f"p{k + 1}", tuple(radians(90) * n for n in one), longer.get(k, 1.0) * rest)
-        for k, one in enumerate(attitudes)
-    )
+        attitudes.append((0, at[_MIDDLE], at[_INNER]))
+    return quarter_turn_path(attitudes, rest)
 
 
 def path_table(steps: Sequence[Position], names: Sequence[str]) -> str:

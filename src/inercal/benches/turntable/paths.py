@@ -12,7 +12,7 @@ Source: Liu Zhiwei, Cui Min, Zhang Peng, Xu Wenwu (North University of China), f
 system.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import radians
 
 from inercal.errors import InputError
@@ -87,11 +87,25 @@ def discrete_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
 
 def systematic_path(seconds: float = 40.0) -> tuple[TableStep, ...]:
     """Return nineteen rests of `seconds`, the first and the last longer, between quarter turns."""
-    longer = {0: _FIRST_LONGER, len(_NINETEEN) - 1: _LAST_LONGER}
-    return tuple(
-        Position(f"p{k + 1}", (0.0, radians(middle), radians(inner)), longer.get(k, 1.0) * seconds)
-        for k, (middle, inner) in enumerate(_NINETEEN)
+    return quarter_turn_path(
+        [(0, middle // 90, inner // 90) for middle, inner in _NINETEEN], seconds
     )
+
+
+def quarter_turn_path(
+    attitudes: Sequence[tuple[int, int, int]], seconds: float
+) -> tuple[Position, ...]:
+    """Return rests of `seconds`, the first and the last longer, at multiples of 90° of the axes."""
+    longer = {0: _FIRST_LONGER, len(attitudes) - 1: _LAST_LONGER}
+    return tuple(
+        Position(f"p{k + 1}", _quarters(one), longer.get(k, 1.0) * seconds)
+        for k, one in enumerate(attitudes)
+    )
+
+
+def _quarters(axes: tuple[int, int, int]) -> tuple[float, float, float]:
+    outer, middle, inner = (radians(90) * number for number in axes)
+    return outer, middle, inner
 
 
 def systematic_plan(path: str = "systematic", seconds: float = 40.0) -> tuple[TableStep, ...]:
