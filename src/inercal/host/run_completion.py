@@ -75,7 +75,7 @@ def finish_run(
     _record_file(journal, recording)
     outcome = _with_notes(calibrate(run), journal)
     if live is not None and live.has_estimate:
-        _compare_live_estimate(journal, live, outcome, run.method.final_by_recording)
+        _compare_live_estimate(journal, live, outcome, expected=run.method.final_by_recording)
     files["calibration_file"] = save(outcome.calibration, folder.output_path("calibration.json"))
     report = folder.output_path("report.html")
     true = run.truth if truth is None else truth(outcome)
@@ -107,11 +107,11 @@ def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> Non
 
 
 def _compare_live_estimate(
-    journal: Journal, live: LiveEstimator, outcome: Outcome, expected: bool
+    journal: Journal, live: LiveEstimator, outcome: Outcome, *, expected: bool
 ) -> None:
     """Enter in the journal how far the live estimate differs from that of the recording.
 
-    `expected`: the method has another estimator for the recording.
+    `expected`: a difference is no warning, as the method has another estimator for the recording.
     """
     names, value = outcome.estimate.names, outcome.estimate.value
     found = np.array([value[names.index(name)] for name in live.names])
