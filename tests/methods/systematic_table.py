@@ -254,7 +254,11 @@ class _Path:
                 # As a raised cosine of 0.2 s
                 size, when = table.knock
                 s = np.clip((t[own] - when) / 0.2, 0, 1)
-                c = c @ rotation(self.wobble, size * (s - np.sin(2 * np.pi * s) / (2 * np.pi)))
+                turned = rotation(self.wobble, size * (s - np.sin(2 * np.pi * s) / (2 * np.pi)))
+                c = c @ turned
+                rate, acceleration = (
+                    np.einsum("nji,nj->ni", turned, one) for one in (rate, acceleration)
+                )
                 rate = rate + (size * (1 - np.cos(2 * np.pi * s)) / 0.2)[:, None] * self.wobble
             earth = np.einsum("nji,j->ni", c, self.earth)
             w[own] = rate + earth

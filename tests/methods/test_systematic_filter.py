@@ -1,6 +1,7 @@
 """The Kalman form of systematic calibration: values, uncertainties, refusals, live estimate."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from tests.refusals import refused
 
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.systematic.filter_estimators import LiveNavigation, solve_by_filter
+from inercal.methods.systematic.filter_estimators import solve_by_filter
+from inercal.methods.systematic.live_filter import LiveNavigation
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
@@ -188,3 +190,63 @@ def test_what_is_stated_of_gravity_and_latitude_is_part_of_u():
         # As in the batch, whose columns by gravity other calibrations share
         other = batch.covariance[k, batch.names.index("g")]
         assert by_filter.covariance[k, g] == pytest.approx(other, rel=0.02)
+
+
+def verdict_of(grade: str, recorded: made.Recorded, bench: Any, sensor: Any = None) -> float:
+    """Return the smallest p of χ² and of the tests of the innovations."""
+    estimate = solved(recorded, sensor or sensor_of(made.GRADES[grade]), bench, estimator="kalman")
+    return min(float(estimate.p_value), *(test.p_value for test in estimate.tests))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("table", "latitude"),
+    [
+        pytest.param(made.Table(creep=(10 * made.ARCSEC, 10.0)), 0.0, id="table creeps 10″"),
+        pytest.param(made.Table(), np.radians(1), id="latitude off 1°"),
+    ],
+)
+def test_what_is_not_still_or_not_there_is_seen_in_the_innovations(
+    table: made.Table, latitude: float
+):
+    bench = table_of(made.Table(), latitude=made.Table().latitude + latitude)
+    assert verdict_of("N", device("N", 7, table), bench) < 1e-20
+    assert verdict_of("N", device("N", 7, made.Table()), table_of(made.Table())) > 0.001
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grade", ["N", "T"])
+def test_a_lost_sample_and_noise_stated_at_half_are_seen(grade: str):
+    table, g = made.Table(), made.GRADES[grade]
+    recorded = device(grade, 8, table)
+    half = replace(
+        g, gyro_white=g.gyro_white / 2, force_white=g.force_white / 2,
+        gyro_drift=g.gyro_drift / 2, force_drift=g.force_drift / 2,
+    )  # fmt: skip
+    assert verdict_of(grade, recorded, table_of(table), sensor_of(half)) < 1e-20
+    lost = replace(
+        recorded, reading=np.delete(recorded.reading, 1500, axis=0), time=recorded.time[:-1]
+    )
+    assert verdict_of(grade, lost, table_of(table)) < 1e-20
+
+
+def test_a_knock_at_rest_harms_the_batch_and_not_the_filter():
+    table = made.Table(knock=(20 * made.ARCSEC, 400.0))
+    sensor, recorded = sensor_of(made.NAVIGATION), device("N", 3, table)
+    largest: list[float] = []
+    for name in ("batch", "kalman"):
+        estimate = solved(recorded, sensor, table_of(table), estimator=name)
+        error, covariance = errors_of(estimate, recorded, sensor)
+        largest.append(float(np.abs(error / np.sqrt(np.diag(covariance))).max()))
+    assert largest[0] > 5  # which its χ² shows
+    assert largest[1] < 4.5
+
+
+def test_a_lag_of_several_samples_is_found():
+    sensor, rng = sensor_of(made.NAVIGATION), np.random.default_rng(2)
+    truth, _ = made.draw_truth(made.NAVIGATION, rng)
+    recorded = made.record(truth, 0.13, SHORT, rng, grade=made.NAVIGATION)
+    estimate = solved(recorded, sensor, table_of(SHORT), estimator="kalman")
+    error, covariance = errors_of(estimate, recorded, sensor)
+    assert abs(error[-1]) < 1e-4
+    assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 4.5

@@ -12,7 +12,7 @@ Sources: Camberlein and Mangeret, Calibration technique for strapdown inertial n
 Savage 2000, Strapdown Analytics; Aitken 1935 (generalised least squares).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from inercal.benches.turntable.bench import Turntable
@@ -23,11 +23,16 @@ from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.systematic.coefficient_rules import require_determined
-from inercal.methods.systematic.filter_estimators import sequential, solve_by_filter
+from inercal.methods.systematic.filter_estimators import solve_by_filter
 from inercal.methods.systematic.generalised_least_squares import LAG, solve
+from inercal.methods.systematic.live_filter import sequential
 from inercal.methods.systematic.remarks import remarks
 from inercal.methods.systematic.segment_tests import rest_change_test
-from inercal.methods.systematic.segments import segments_of_track, shift_forces
+from inercal.methods.systematic.segments import (
+    segments_of_track,
+    shift_forces,
+    shift_forces_of_track,
+)
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
@@ -67,15 +72,9 @@ def batch(
     track = _checked_track(observations, sensor, priors)
     known = StillTable.from_turntable(bench)
     segments = segments_of_track(track, observations.labels, sensor)
-    estimate = solve(segments, sensor, known, priors)
-    k = estimate.names.index(LAG)
-    # The rows are of second order in the lag: whole samples of it are taken out beforehand.
-    samples = round(float(estimate.value[k]) / segments.dt)
-    if abs(samples) > 1 and abs(samples) * segments.dt < _LARGEST_LAG:
-        estimate = solve(shift_forces(segments, samples), sensor, known, priors)
-        value = estimate.value.copy()
-        value[k] += samples * segments.dt
-        estimate = replace(estimate, value=value)
+    estimate = _by_whole_samples_of_lag(
+        lambda samples: solve(shift_forces(segments, samples), sensor, known, priors), segments.dt
+    )
     return replace(estimate, tests=(*estimate.tests, rest_change_test(segments, sensor)))
 
 
@@ -96,7 +95,29 @@ def kalman(
     """
     track = _checked_track(observations, sensor, priors)
     known = StillTable.from_turntable(bench)
-    return solve_by_filter(track, observations.labels, sensor, known, priors)
+    dt = float((track.time[-1] - track.time[0]) / (track.time.size - 1))
+    return _by_whole_samples_of_lag(
+        lambda samples: solve_by_filter(
+            shift_forces_of_track(track, samples), observations.labels, sensor, known, priors
+        ),
+        dt,
+    )
+
+
+def _by_whole_samples_of_lag(solve_shifted: Callable[[int], Estimate], dt: float) -> Estimate:
+    """Return the estimate, from forces that are earlier by whole samples where the lag is longer.
+
+    The models are of second order in the lag that is left.
+    """
+    estimate = solve_shifted(0)
+    k = estimate.names.index(LAG)
+    samples = round(float(estimate.value[k]) / dt)
+    if abs(samples) <= 1 or abs(samples) * dt >= _LARGEST_LAG:
+        return estimate
+    estimate = solve_shifted(samples)
+    value = estimate.value.copy()
+    value[k] += samples * dt
+    return replace(estimate, value=value)
 
 
 def _checked_track(observations: Observations, sensor: Sensor, priors: Sequence[Gaussian]) -> Track:

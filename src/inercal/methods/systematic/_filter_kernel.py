@@ -134,13 +134,16 @@ def _propagate(
 
 
 @kernel_step
-def _observe(x: Array, p: Array, variance: float, gain: Array, innovation: Array) -> float:
+def _observe(
+    x: Array, p: Array, variance: float, gain: Array, innovation: Array, standard: Array
+) -> float:
     """Update by the velocity, one component after the other; return the NIS."""
     n, nis = x.size, 0.0
     for i in range(3):
         s = p[3 + i, 3 + i] + variance
         off = -x[3 + i]
         innovation[i] = off
+        standard[i] = off / np.sqrt(s)
         nis += off * off / s
         for k in range(n):
             gain[k] = p[k, 3 + i] / s
@@ -200,6 +203,7 @@ def filter_epochs(
     matrices: Array,
     rows: Array,
     innovation: Array,
+    standard: Array,
     nis: Array,
 ) -> None:
     """Follow e epochs of a recording; state and covariance are changed in place.
@@ -240,8 +244,8 @@ def filter_epochs(
         Increments of the sample before.
     vectors, matrices, rows
         Working space, (FILTER_VECTORS, 3), (FILTER_MATRICES, 3, 3) and (16, n).
-    innovation, nis : (e, 3) and (e,) arrays
-        Out: of rests; elsewhere they stay.
+    innovation, standard, nis : (e, 3), (e, 3) and (e,) arrays
+        Out, of rests; elsewhere they stay: m/s, over their standard deviations, and squared.
     """
     n, d = x.size, keep.size
     q = n - 6
@@ -299,7 +303,7 @@ def filter_epochs(
             x[n - d + i] *= keep[i]
         if rest[e] >= 0:
             _count_from(x, c, v, reference, work, turned)
-            nis[e] = _observe(x, p, rest_variance, gain, innovation[e])
+            nis[e] = _observe(x, p, rest_variance, gain, innovation[e], standard[e])
     for k in range(2):
         for j in range(3):
             before[k, j] = sample[k, j]

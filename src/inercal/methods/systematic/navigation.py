@@ -6,6 +6,7 @@ samples of a triad. Accelerometers that are late by τ sense the arms' part at t
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +16,15 @@ from inercal.earth import earth_rate_up_north
 from inercal.methods.systematic._kernels import MATRICES, VECTORS, integrate_turns
 from inercal.methods.systematic.segments import Indices, Segments
 from inercal.motion import Motion
-from inercal.sensors import Sensor
+from inercal.sensors import Axis, Sensor
 
 _STEPS = 4  # of Newton: k2 of 100 µg/g² leaves 4e-4 of an error with each
 _NO_COLUMNS = np.zeros((0, 3, 0))
+
+
+def bias_name(axis: Axis) -> str:
+    """Return the name of an axis's bias, "ax.k0" or "gx.bias"."""
+    return f"{axis.name}.{'k0' if axis.measures == 'f' else 'bias'}"
 
 
 def earth_rate(latitude: float) -> Array:
@@ -73,6 +79,21 @@ class ImuModel:
     def rate(self) -> Sensor:
         """The gyros."""
         return self.sensor.select_axes("w")
+
+    @cached_property
+    def white(self) -> Array:
+        """Noise densities squared, (6,), SI²/Hz."""
+        return np.array([axis.noise.white**2 for axis in self.sensor.axes])
+
+    @cached_property
+    def with_biases(self) -> "ImuModel":
+        """The model with all biases: noise and drift act by their columns, estimated or not."""
+        return ImuModel(self.sensor.with_coefficients(*self.sensor.coefficients, "bias"))
+
+    def padded(self, c: Array) -> Array:
+        """Return the coefficients of `with_biases`, zero where they are not among c, (p,)."""
+        values = dict(zip(self.sensor.coefficients, c.tolist(), strict=True))
+        return np.array([values.get(name, 0.0) for name in self.with_biases.sensor.coefficients])
 
     def split(self, c: Array) -> tuple[Array, Array]:
         """Return the coefficients of accelerometers and of gyros."""

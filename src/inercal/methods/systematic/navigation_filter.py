@@ -7,25 +7,19 @@ over, as the IMU is still.
 
 States are counted from a navigation with the coefficients of the start, whatever the estimate: the
 filter is that of a linear problem, and a further pass from the new coefficients is a Gauss–Newton
-step. Before the data coefficients have standard deviations of a tenth of their natural size (0.1 g,
-10 %, 6°), many times what a recording leaves; biases of gyros, found with the azimuth, of half of
-their size and of the Earth's rate.
+step.
 
 Source: Savage 2000, Strapdown Analytics, chapter 18; Huang, Mourikis and Roumeliotis 2010,
 Observability-based rules for designing consistent EKF SLAM estimators (fixed linearisation).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from math import radians
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.still_table import StillTable
 from inercal.estimate import FilterHistory, Gaussian
 from inercal.methods.systematic._filter_kernel import (
     FILTER_MATRICES,
@@ -33,30 +27,21 @@ from inercal.methods.systematic._filter_kernel import (
     NAVIGATION,
     filter_epochs,
 )
-from inercal.methods.systematic.alignment import initial_attitudes
+from inercal.methods.systematic.filter_inputs import KINDS, LAG_SD, FilterModel, FilterStart
 from inercal.methods.systematic.navigation import (
-    ImuModel,
     TurnMotion,
+    bias_name,
     block_means,
     earth_rate,
     earth_rate_slope,
 )
-from inercal.methods.systematic.segments import Segments
-from inercal.methods.turntable.drift import Drift, drift_model
+from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
-from inercal.sensors import Axis, Sensor
 
 REST_VELOCITY = 1e-5  # m/s, standard deviation of the velocity of a table at rest
-EPOCH = 0.2  # s
 LIVE_CHUNK = 25  # epochs that are followed together
 _MARGIN = 3  # samples on either side of a chunk, for derivatives
-# Before the data
-_SIZE = 0.1  # of a coefficient's natural size, and rad of the level
-_LAG = 0.05  # s
-_BIAS_SHARE = 0.5  # of gyro biases and of the Earth's rate
-_LARGEST_AZIMUTH = radians(30)
 Indices = NDArray[np.int64]
-_KINDS: tuple[Literal["f", "w"], ...] = ("f", "w")
 
 
 class ConstantEstimate(NamedTuple):
@@ -64,122 +49,6 @@ class ConstantEstimate(NamedTuple):
 
     value: Array
     covariance: Array
-
-
-@dataclass(frozen=True, eq=False)
-class FilterModel:
-    """What a filter knows before its first sample.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        Three accelerometers, then three gyros.
-    known : StillTable
-    priors : sequence of Gaussian
-        On coefficients.
-    run_duration : float
-        s, which says how slow a drift is counted.
-    dt : float
-        s.
-    means : bool
-        Whether a sample is the mean of its reading over one period.
-    """
-
-    sensor: Sensor
-    known: StillTable
-    priors: Sequence[Gaussian]
-    run_duration: float
-    dt: float
-    means: bool
-
-    @cached_property
-    def imu(self) -> ImuModel:
-        """The model of the readings."""
-        return ImuModel(self.sensor)
-
-    @cached_property
-    def with_biases(self) -> ImuModel:
-        """The same with all biases, by whose columns drift acts."""
-        return ImuModel(self.sensor.with_coefficients(*self.sensor.coefficients, "bias"))
-
-    @cached_property
-    def drifts(self) -> tuple[Drift, Drift]:
-        """The drift of accelerometers and of gyros."""
-        force, rate = (
-            drift_model(
-                [axis.noise for axis in self.sensor.axes if axis.measures == kind],
-                self.run_duration,
-                self.sensor.name,
-            )
-            for kind in _KINDS
-        )
-        return force, rate
-
-    @property
-    def count(self) -> int:
-        """Samples of an epoch."""
-        return max(1, round(EPOCH / self.dt))
-
-
-@dataclass(frozen=True, eq=False)
-class FilterStart:
-    """Where a filter starts, and how sure that is.
-
-    Parameters
-    ----------
-    attitude : (3, 3) array
-        C, body to n, at the first sample.
-    value : (p,) array
-        Coefficients, SI.
-    lag : float
-        s.
-    sd : (p,) array
-        Of the coefficients, SI.
-    attitude_sd : (3,) array
-        rad, about east, north and up.
-    rest_attitudes : (m, 3, 3) array
-        C of the first m rests, where they are known beforehand.
-    """
-
-    attitude: Array
-    value: Array
-    lag: float
-    sd: Array
-    attitude_sd: Array
-    rest_attitudes: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
-
-
-def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
-    """Return the start of a filter from the rests and turns of its recording, or of its begin.
-
-    Raises
-    ------
-    InputError
-        As of `initial_attitudes`.
-    """
-    sensor, imu = model.sensor, model.imu
-    latitude = model.known.latitude.value
-    nominal = np.zeros(len(sensor.coefficients))
-    attitudes, c = initial_attitudes(segments, imu, nominal, latitude)
-    earth = earth_rate(latitude)
-    biases = [axis_bias(axis) for axis in sensor.axes if axis.measures == "w"]
-    values = zip(sensor.coefficients, c.tolist(), strict=True)
-    largest = max((abs(value) for name, value in values if name in biases), default=0.0)
-    bias = _BIAS_SHARE * (float(np.linalg.norm(earth)) + largest)
-    sd = _SIZE * sensor.unit_scale
-    for k, name in enumerate(sensor.coefficients):
-        if name in biases:
-            sd[k] = bias
-    for prior in model.priors:  # what the user states counts, not how large errors look
-        at = [sensor.coefficients.index(name) for name in prior.names]
-        sd[at] = np.maximum(sd[at], 10 * np.sqrt(np.diagonal(prior.covariance)))
-    azimuth = min(bias / float(earth[1]), _LARGEST_AZIMUTH)
-    return FilterStart(attitudes[0], c, 0.0, sd, np.array([_SIZE, _SIZE, azimuth]))
-
-
-def axis_bias(axis: Axis) -> str:
-    """Return the name of an axis's bias."""
-    return f"{axis.name}.{'k0' if axis.measures == 'f' else 'bias'}"
 
 
 class NavigationFilter:
@@ -211,7 +80,6 @@ class NavigationFilter:
         keeps_history: bool = False,
     ):
         self.model = model
-        self._imu, self._with_biases = model.imu, model.with_biases
         known, p = model.known, len(model.sensor.coefficients)
         self._first = NAVIGATION + p + 3  # of the drift
         self._chunk = chunk
@@ -221,7 +89,7 @@ class NavigationFilter:
         drifts = model.drifts
         n = self._first + sum(drift.size for drift in drifts)
         self._x, self._p = np.zeros(n), np.zeros((n, n))
-        rest = [_LAG, known.gravity.sd, known.latitude.sd]
+        rest = [LAG_SD, known.gravity.sd, known.latitude.sd]
         sd = [*start.attitude_sd, *np.full(3, REST_VELOCITY), *start.sd, *rest]
         np.fill_diagonal(self._p, np.square([*sd, *np.zeros(n - self._first)]))
         at = self._first
@@ -278,22 +146,22 @@ class NavigationFilter:
         c, (lag, gravity, latitude) = self._at[:p], self._at[p:].tolist()
         n = epochs * model.count
         own = slice(led, led + n)
-        motion = self._imu.motion_of_readings(
+        motion = model.imu.motion_of_readings(
             self._waiting[: led + n + _MARGIN], model.dt, c, lag, means=model.means
         )
         motion = TurnMotion(*(np.ascontiguousarray(part[own]) for part in motion))
         rest = self._number_rests(self._holds[own].reshape(epochs, model.count))
         means = block_means(motion, np.arange(0, n, model.count, dtype=np.int64))
-        by_rate, by_force = self._effects(c, _calm(means, rest))
+        by_rate, by_force = self._effects(c, _with_steady_rests(means, rest))
         size = self._x.size
-        innovation, nis = np.zeros((epochs, 3)), np.zeros(epochs)
+        innovation, standard, nis = np.zeros((epochs, 3)), np.zeros((epochs, 3)), np.zeros(epochs)
         filter_epochs(
             motion.w, motion.f, motion.dw, by_rate, by_force, rest,
             self._rest_attitudes, self._present, model.count, model.dt,
             self._fed == 0, earth_rate(latitude), earth_rate_slope(latitude), gravity, lag,
-            self._white, REST_VELOCITY**2, self._keep, self._drawn, self._x, self._p, self._c,
-            self._v, self._before, np.zeros((FILTER_VECTORS, 3)), np.zeros((FILTER_MATRICES, 3, 3)),
-            np.zeros((16, size)), innovation, nis,
+            model.imu.white, REST_VELOCITY**2, self._keep, self._drawn, self._x, self._p,
+            self._c, self._v, self._before, np.zeros((FILTER_VECTORS, 3)),
+            np.zeros((FILTER_MATRICES, 3, 3)), np.zeros((16, size)), innovation, standard, nis,
         )  # fmt: skip
         if self._keeps_history:
             found = self.estimate()
@@ -301,8 +169,8 @@ class NavigationFilter:
             kept = rest >= 0
             self._history.append(
                 _Chunk(
-                    ends[kept], innovation[kept], nis[kept], found.value,
-                    np.sqrt(np.diagonal(found.covariance)),
+                    ends[kept], rest[kept], innovation[kept], standard[kept], nis[kept],
+                    found.value, np.sqrt(np.diagonal(found.covariance)),
                 )
             )  # fmt: skip
         self.nis += float(nis.sum())
@@ -322,26 +190,21 @@ class NavigationFilter:
             result[e] = self._rest
         return result
 
-    @property
-    def _white(self) -> Array:
-        return np.array([axis.noise.white**2 for axis in self.model.sensor.axes])
-
     def _effects(self, c: Array, means: TurnMotion) -> tuple[Array, Array]:
         """Return ∂ω and ∂f of each epoch by the states after ψ and v, (e, 3, q)."""
-        names, full = self.model.sensor.coefficients, self._with_biases.sensor
-        values = dict(zip(names, c.tolist(), strict=True))
-        padded = np.array([values.get(name, 0.0) for name in full.coefficients])
-        rate, force = self._with_biases.sensitivities_at(padded, means)
+        imu, names = self.model.imu, self.model.sensor.coefficients
+        full = imu.with_biases.sensor
+        rate, force = imu.with_biases.sensitivities_at(imu.padded(c), means)
         q, edges = self._x.size - NAVIGATION, len(means.w)
-        result = {kind: np.zeros((edges, 3, q)) for kind in _KINDS}
+        result = {kind: np.zeros((edges, 3, q)) for kind in KINDS}
         at = self._first - NAVIGATION
-        for kind, by, drift in zip(_KINDS, (force, rate), self.model.drifts, strict=True):
+        for kind, by, drift in zip(KINDS, (force, rate), self.model.drifts, strict=True):
             part = full.select_axes(kind)
             own = [names.index(name) for name in part.coefficients if name in names]
             result[kind][..., own] = by[
                 ..., [k for k, n in enumerate(part.coefficients) if n in names]
             ]
-            biases = [part.coefficients.index(axis_bias(axis)) for axis in part.axes]
+            biases = [part.coefficients.index(bias_name(axis)) for axis in part.axes]
             for k in range(len(drift.times)):
                 result[kind][..., at + 3 * k : at + 3 * k + 3] = by[..., biases]
             at += drift.size
@@ -354,11 +217,11 @@ class NavigationFilter:
         further = np.zeros(count)
         names, at = self.model.sensor.coefficients, count
         elapsed = self._fed * self.model.dt
-        for kind, drift in zip(_KINDS, self.model.drifts, strict=True):
+        for kind, drift in zip(KINDS, self.model.drifts, strict=True):
             rows, variance = drift.mean(elapsed)
             axes = [axis for axis in self.model.sensor.axes if axis.measures == kind]
             for k, axis in enumerate(axes):
-                name = axis_bias(axis)
+                name = bias_name(axis)
                 if name in names:
                     to_mean[names.index(name), at : at + drift.size] = rows[k]
                     further[names.index(name)] = variance[k]
@@ -367,6 +230,12 @@ class NavigationFilter:
         return ConstantEstimate(
             self._at + to_mean @ self._x[NAVIGATION:], covariance + np.diag(further)
         )
+
+    def standardised_innovations(self) -> tuple[Array, Indices]:
+        """Return innovations over their standard deviations, (e, 3), and the rest of each, (e,)."""
+        standard = np.concatenate([np.zeros((0, 3)), *(one.standard for one in self._history)])
+        none = np.zeros(0, dtype=np.int64)
+        return standard, np.concatenate([none, *(one.rest for one in self._history)])
 
     def history(self) -> FilterHistory:
         """Return the estimates after each chunk that ends later than a rest began."""
@@ -389,13 +258,15 @@ class _Chunk(NamedTuple):
     """What a filter found in the rests of a chunk, and its estimate afterwards."""
 
     time: Array
+    rest: Indices
     innovation: Array
+    standard: Array
     nis: Array
     value: Array
     std: Array
 
 
-def _calm(means: TurnMotion, rest: Indices) -> TurnMotion:
+def _with_steady_rests(means: TurnMotion, rest: Indices) -> TurnMotion:
     """Return means of epochs with one mean for all of a rest, and no change of rate there.
 
     Otherwise noise in a sensitivity would count as an observation of its coefficient.

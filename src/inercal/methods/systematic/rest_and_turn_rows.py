@@ -27,6 +27,7 @@ from inercal.frames import exp_so3, left_jacobian, log_so3, skew
 from inercal.methods.systematic.navigation import (
     ImuModel,
     Navigation,
+    bias_name,
     earth_rate,
     earth_rate_slope,
     integrate_navigation,
@@ -114,31 +115,16 @@ class RestAndTurnRows:
         self, c: Array, lag: float, gravity: float, latitude: float, attitudes: Array
     ) -> tuple[Navigation, "_Columns"]:
         motion = self.model.motion(self.segments, c, lag)
-        by = self._with_biases.sensitivities(self.segments, self._bias_padded(c), motion)
+        by = self.model.with_biases.sensitivities(self.segments, self.model.padded(c), motion)
         done = integrate_navigation(
             self.segments, motion, attitudes[:-1], earth_rate(latitude), gravity, lag, by=by,
-            white=self.white,
+            white=self.model.white,
         )  # fmt: skip
         return done, self._columns
 
     @cached_property
-    def white(self) -> Array:
-        """Noise densities squared, (6,), SI²/Hz."""
-        return np.array([axis.noise.white**2 for axis in self.model.sensor.axes])
-
-    @cached_property
-    def _with_biases(self) -> ImuModel:
-        """The model with all biases: noise acts by their columns, estimated or not."""
-        own = self.model.sensor
-        return ImuModel(own.with_coefficients(*own.coefficients, "bias"))
-
-    def _bias_padded(self, c: Array) -> Array:
-        values = dict(zip(self.model.sensor.coefficients, c.tolist(), strict=True))
-        return np.array([values.get(n, 0.0) for n in self._with_biases.sensor.coefficients])
-
-    @cached_property
     def _columns(self) -> "_Columns":
-        return _Columns.of(self.model.sensor, self._with_biases.sensor)
+        return _Columns.of(self.model.sensor, self.model.with_biases.sensor)
 
     def _rest_rows(
         self, c: Array, gravity: float, latitude: float, attitudes: Array, width: int
@@ -204,7 +190,7 @@ class RestAndTurnRows:
         result = np.zeros((count, _ROWS, count, _ROWS))
         seconds = self.segments.rest_seconds
         for k in range(m):
-            result[2 * k, :, 2 * k] = np.diag(self.white / seconds[k])
+            result[2 * k, :, 2 * k] = np.diag(self.model.white / seconds[k])
         # Noise turns the predicted attitude as +ψ, which the residual holds, and moves v by −.
         sign = np.repeat([1.0, -1.0], 3)
         for k in range(m - 1):
@@ -247,6 +233,6 @@ class _Columns:
             [place[name] for name in own_force],
             [rates.index(name) for name in own_rate],
             [shift + forces.index(name) for name in own_force],
-            [rates.index(f"{axis.name}.bias") for axis in full.axes if axis.measures == "w"],
-            [shift + forces.index(f"{axis.name}.k0") for axis in full.axes if axis.measures == "f"],
+            [rates.index(bias_name(axis)) for axis in full.axes if axis.measures == "w"],
+            [shift + forces.index(bias_name(axis)) for axis in full.axes if axis.measures == "f"],
         )

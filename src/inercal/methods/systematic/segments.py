@@ -147,12 +147,27 @@ def shift_forces(segments: Segments, samples: int) -> Segments:
 
     A turn begins and ends at rest: its first or last sample stands for those beyond.
     """
+    if not samples:
+        return segments
     moving = segments.moving.copy()
     for first, last in zip(segments.first.tolist(), segments.last.tolist(), strict=True):
         own: Indices = np.array(range(first, last), dtype=np.int64)
         at = np.clip(own + samples, first, last - 1)
         moving[first:last, :3] = segments.moving[at, :3]
     return replace(segments, moving=moving)
+
+
+def shift_forces_of_track(track: Track, samples: int) -> Track:
+    """Return a track with its accelerometers, the first three channels, that many samples earlier.
+
+    It begins and ends at rest: its first or last sample stands for those beyond.
+    """
+    if not samples:
+        return track
+    reading, n = track.reading.copy(), track.time.size
+    own: Indices = np.array(range(n), dtype=np.int64)
+    reading[:, :3] = track.reading[np.clip(own + samples, 0, n - 1), :3]
+    return replace(track, reading=reading)
 
 
 def _rest_ranges(hold: Indices) -> Indices:
