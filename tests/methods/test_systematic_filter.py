@@ -250,3 +250,12 @@ def test_a_lag_of_several_samples_is_found():
     error, covariance = errors_of(estimate, recorded, sensor)
     assert abs(error[-1]) < 1e-4
     assert np.abs(error / np.sqrt(np.diag(covariance))).max() < 4.5
+
+
+def test_lever_arms_that_are_left_out_are_seen_in_the_turns():
+    full = sensor_of(made.TACTICAL)
+    kept = [name for name in full.coefficients if ".arm_" not in name]
+    table, recorded = made.Table(), device("T", 4, made.Table())
+    left = sensor_of(made.TACTICAL, coefficients=kept)
+    assert verdict_of("T", recorded, table_of(table), left) < 1e-6
+    assert verdict_of("T", recorded, table_of(table), full) > 0.001

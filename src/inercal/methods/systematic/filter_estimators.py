@@ -13,17 +13,14 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.turntable.still_table import StillTable
 from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimate import Estimate, Gaussian, ModelTest
 from inercal.estimate.innovations import group_innovations, mean_and_whiteness_tests
 from inercal.methods.systematic.alignment import attitudes_at
 from inercal.methods.systematic.coefficient_rules import require_turns
 from inercal.methods.systematic.filter_inputs import FilterModel, FilterStart, filter_start
 from inercal.methods.systematic.generalised_least_squares import LAG
 from inercal.methods.systematic.navigation_filter import ConstantEstimate, NavigationFilter
-from inercal.methods.systematic.segments import (
-    Segments,
-    segments_of_track,
-)
+from inercal.methods.systematic.segments import Indices, Segments, segments_of_track
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
@@ -131,8 +128,26 @@ def _estimate(
         iterations=np.asarray(passes, dtype=np.intp),
         notes=notes,
         courses=(made.history(),),
-        tests=mean_and_whiteness_tests(
-            group_innovations(*made.standardised_innovations()),
+        tests=_innovation_tests(*made.standardised_innovations()),
+    )
+
+
+def _innovation_tests(standard: Array, rest: Indices) -> tuple[ModelTest, ...]:
+    """Return the tests of innovations by rest, and of those that judge the turns.
+
+    The first innovation of a rest holds what is wrong with the turn before it; in the sum over all
+    innovations it is lost.
+    """
+    first = np.append(False, rest[1:] != rest[:-1])
+    turns = ModelTest(
+        "first innovations after each turn",
+        float(np.sum(standard[first] ** 2)),
+        standard[first].size,
+    )
+    return (
+        turns,
+        *mean_and_whiteness_tests(
+            group_innovations(standard, rest),
             "mean innovations of each rest",
             "correlation of the innovations between rests",
         ),

@@ -90,7 +90,7 @@ class ImuModel:
         """The model with all biases: noise and drift act by their columns, estimated or not."""
         return ImuModel(self.sensor.with_coefficients(*self.sensor.coefficients, "bias"))
 
-    def padded(self, c: Array) -> Array:
+    def add_biases(self, c: Array) -> Array:
         """Return the coefficients of `with_biases`, zero where they are not among c, (p,)."""
         values = dict(zip(self.sensor.coefficients, c.tolist(), strict=True))
         return np.array([values.get(name, 0.0) for name in self.with_biases.sensor.coefficients])

@@ -194,7 +194,7 @@ class NavigationFilter:
         """Return ∂ω and ∂f of each epoch by the states after ψ and v, (e, 3, q)."""
         imu, names = self.model.imu, self.model.sensor.coefficients
         full = imu.with_biases.sensor
-        rate, force = imu.with_biases.sensitivities_at(imu.padded(c), means)
+        rate, force = imu.with_biases.sensitivities_at(imu.add_biases(c), means)
         q, edges = self._x.size - NAVIGATION, len(means.w)
         result = {kind: np.zeros((edges, 3, q)) for kind in KINDS}
         at = self._first - NAVIGATION

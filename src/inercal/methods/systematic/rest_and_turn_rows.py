@@ -115,7 +115,7 @@ class RestAndTurnRows:
         self, c: Array, lag: float, gravity: float, latitude: float, attitudes: Array
     ) -> tuple[Navigation, "_Columns"]:
         motion = self.model.motion(self.segments, c, lag)
-        by = self.model.with_biases.sensitivities(self.segments, self.model.padded(c), motion)
+        by = self.model.with_biases.sensitivities(self.segments, self.model.add_biases(c), motion)
         done = integrate_navigation(
             self.segments, motion, attitudes[:-1], earth_rate(latitude), gravity, lag, by=by,
             white=self.model.white,
