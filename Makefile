@@ -45,11 +45,14 @@ quick: $(INSTALLED)  ## the core's tests, in a minute
 	$(BIN)/python -m pytest $(ONE_MORE) $(QUICK) \
 	  $(foreach path,$(NOT_QUICK),--ignore-glob=$(path))
 
+# Last, with nothing beside: what tells how soon something answers.
 test: $(INSTALLED)  ## all tests but the slow ones
-	$(BIN)/python -m pytest $(ONE_MORE)
+	$(BIN)/python -m pytest -m "not slow and not evidence and not wall_time" $(ONE_MORE)
+	$(BIN)/python -m pytest -m "not slow and wall_time" tests/host
 
 slow: $(INSTALLED)  ## the big Monte Carlo runs
-	$(BIN)/python -m pytest -m "slow and not evidence" $(ONE_MORE) tests
+	$(BIN)/python -m pytest -m "slow and not evidence and not wall_time" $(ONE_MORE) tests
+	$(BIN)/python -m pytest -m "slow and wall_time" tests/host
 
 check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
 	$(BIN)/ruff format --check .

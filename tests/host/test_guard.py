@@ -403,6 +403,7 @@ def test_no_other_process_keeps_the_end_of_the_host_from_being_seen(
             forked.join()
 
 
+@pytest.mark.wall_time
 @pytest.mark.parametrize("trials", [10, pytest.param(100, marks=pytest.mark.slow)])
 def test_from_a_signal_to_the_abort_at_the_controller_are_100_ms_at_most(
     server: Served, table: Pmac, trials: int

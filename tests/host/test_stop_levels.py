@@ -24,6 +24,8 @@ from inercal.host.guard.watchdog import Watchdog
 from inercal.host.table_driver import TableDriver
 from inercal.host.task_sequencer import StopCommand
 
+pytestmark = pytest.mark.wall_time
+
 TRIALS = 50
 NEXT_LEVEL = 0.3  # s from the failure of a level to the command of the next on the wire
 RATE, ACCELERATION = radians(100), radians(2000)
@@ -43,7 +45,7 @@ def rest_within(server: StrictPmac, seconds: float) -> bool:
 
 @contextmanager
 def turning(server: StrictPmac) -> Iterator[Pmac]:
-    with Pmac(server.address, AXES) as table:
+    with Pmac(server.address, AXES, timeout=PATIENCE) as table:
         table.enable()
         for axis in table.axes:
             table.spin(axis, RATE, ACCELERATION)

@@ -179,6 +179,7 @@ def test_of_a_table_that_is_not_there_nothing_is_kept(tmp_path: Path):
     assert not list((tmp_path / "runs").iterdir())
 
 
+@pytest.mark.wall_time
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["messages cease", "the page is gone"])
 def test_a_jog_stops_within_0_3_s_of_the_last_message(
@@ -203,6 +204,7 @@ def test_a_jog_stops_within_0_3_s_of_the_last_message(
         page.close()
 
 
+@pytest.mark.wall_time
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["server", "session", "server frozen"])
 def test_a_process_that_is_killed_leaves_the_table_at_rest(
