@@ -1,12 +1,12 @@
-"""The whole command on a long recording: time from 10⁶ to 10⁷ samples, and the most memory.
+"""The whole command on a long recording: processor time against the number of samples, and memory.
 
 `inercal calibrate` with its report, in a process of its own, of an IMU at 1 kHz that is held in
-another attitude every 20 s: 50 rests, and 500. What it takes to start is the time of 12 rests at
-100 Hz.
+another attitude every 20 s. What it takes to start is the time of 12 rests at 100 Hz.
 """
 
 import sys
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,9 +16,13 @@ from tests.accuracy.long_recording import SAVE, Cost, measure_command, run_file,
 from benchmarks import Row, Skipped
 
 RATE, EVERY = 1000.0, 20.0  # Hz, s from a rest to the next
-SIZES = (1_000_000, 10_000_000)
+WORDS = {100_000: "10⁵", 1_000_000: "10⁶", 10_000_000: "10⁷", 30_000_000: "3·10⁷"}
+# Files of 10⁷ samples of each format, and one format's from a short recording to 3·10⁷ samples.
+SIZES: dict[str, tuple[int, ...]] = dict.fromkeys(SAVE, (1_000_000, 10_000_000))
+SIZES[".h5"] = tuple(WORDS)
 REPEAT = 1  # more take several minutes
-LIMIT = 1.5  # GB
+GROWTH = 1.2  # times the samples
+BYTES = 150.0  # most memory, of each sample
 
 
 def least(runs: Sequence[Path]) -> list[Cost]:
@@ -33,20 +37,25 @@ def rows() -> Iterator[Row | Skipped]:
     if sys.platform != "linux":
         yield Skipped("long recordings", "the most memory is read as Linux counts it")
         return
-    times = SIZES[1] / SIZES[0]
     with TemporaryDirectory() as name:
         folder = Path(name)
         short = write_raw_file(folder / "short.npy", 5_400, 100.0, 4.5)
-        columns = [short, *(write_raw_file(folder / f"{n}.npy", n, RATE, EVERY) for n in SIZES)]
-        for suffix, save in SAVE.items():
-            paths = [folder / f"{some.shape[1]}{suffix}" for some in columns]
-            for path, some in zip(paths, columns, strict=True):
-                save(path, some)
-            start, few, many = least([run_file(path) for path in paths])
+        columns = {n: write_raw_file(folder / f"{n}.npy", n, RATE, EVERY) for n in WORDS}
+        for suffix, sizes in SIZES.items():
+            written = [short, *(columns[n] for n in sizes)]
+            paths = [folder / f"{some.shape[1]}{suffix}" for some in written]
+            for path, some in zip(paths, written, strict=True):
+                SAVE[suffix](path, some)
+            start, *costs = least([run_file(path) for path in paths])
             for path in paths:
                 path.unlink()
-            work = f"10⁷ samples, hand-held ({suffix[1:]})"
-            own, peer = (size.seconds - start.seconds for size in (many, few))
-            yield Row(f"{work}: calibrate", many.seconds, times * few.seconds, "10 times 10⁶")
-            yield Row(f"{work}: beyond start-up", own, times * peer, "10 times 10⁶")
-            yield Row(f"{work}: most memory", many.memory / 1e9, LIMIT, "limit", "GB")
+            for (few, short_cost), (many, cost) in pairwise(zip(sizes, costs, strict=True)):
+                to_scale = many / few * (short_cost.seconds - start.seconds)
+                yield Row(
+                    f"{WORDS[many]} samples, hand-held ({suffix[1:]}): beyond start-up",
+                    cost.seconds - start.seconds, to_scale, f"{WORDS[few]}, to scale",
+                    to_reach=1 / GROWTH,
+                )  # fmt: skip
+            memory = (costs[-1].memory - start.memory) / sizes[-1]
+            work = f"{WORDS[sizes[-1]]} samples, hand-held ({suffix[1:]})"
+            yield Row(f"{work}: memory of a sample", memory, BYTES, "limit", "B")

@@ -39,10 +39,10 @@ also = ["g"]
 """
 # A process's peak counts that of the one that started it: a small one starts the command.
 MEASURE = """
-import resource, subprocess, sys, time
-begin = time.perf_counter()
+import resource, subprocess, sys
 subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, check=True)
-print(time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss)
 """
 COMMAND = "from inercal.cli.app import main; main()"
 
@@ -50,7 +50,7 @@ COMMAND = "from inercal.cli.app import main; main()"
 class Cost(NamedTuple):
     """What a run of the command took."""
 
-    seconds: float
+    seconds: float  # of processor time
     memory: float  # bytes
 
 

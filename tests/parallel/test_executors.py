@@ -9,6 +9,7 @@ import time
 from collections.abc import Generator
 from importlib import import_module
 from inspect import signature
+from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,16 @@ def test_monte_carlo_gives_the_same_numbers_for_any_number_of_workers():
         shared = monte_carlo(random_trials, 1234, 5, batch=50, executor=executor)
     for name, x in alone.items():
         assert_array_equal(x, shared[name])
+
+
+def test_processes_that_are_asked_for_start_before_there_is_work():
+    before = set(active_children())
+    with open_executor(3) as executor:
+        assert len(set(active_children()) - before) == 2
+        executor.submit(tasks.process_and_square, 3)
+        assert next(in_order(executor))[1] == 9
+    with open_executor() as executor:
+        assert set(active_children()) <= before
 
 
 def test_short_work_stays_in_this_process():

@@ -192,7 +192,7 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
     Parameters
     ----------
     workers : int, optional
-        By default one for each core that this process may use.
+        By default one for each core that this process may use, if the work is long enough.
     scheduler : str, optional
         Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786"; "local" starts a
         cluster of so many workers on this machine.
@@ -211,7 +211,7 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
         return SerialExecutor()
     from inercal.parallel.process_executor import ProcessExecutor
 
-    return ProcessExecutor(number)
+    return ProcessExecutor(number, at_once=workers is not None)
 
 
 def open_tolerant_executor(

@@ -1,7 +1,8 @@
 """Tasks in several processes: this one, and others that start when the work is long enough.
 
 The first tasks run here and show how long a task takes. Where those that wait would take long,
-other processes start; until they are ready and afterwards, this one goes on with tasks as well.
+other processes start, or at once where their number was asked for; until they are ready and
+afterwards, this one goes on with tasks as well.
 """
 
 import pickle
@@ -11,10 +12,11 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from queue import Empty, SimpleQueue
 from threading import Semaphore
 from time import perf_counter
-from typing import Any
+from typing import Any, Self
 
 from inercal.parallel import Executor, Task, WorkerLost
 from inercal.parallel.worker_process import WorkerContext
@@ -44,10 +46,12 @@ class ProcessExecutor(Executor):
         Processes that compute, this one among them; 2 or more.
     least_work : float, optional
         Time that the waiting tasks must take by themselves for other processes to start, s.
+    at_once : bool, optional
+        Whether they start with the block of `with`, while this process prepares the tasks.
     """
 
-    def __init__(self, workers: int, least_work: float = LEAST_WORK):
-        self._workers, self._least_work = workers, least_work
+    def __init__(self, workers: int, least_work: float = LEAST_WORK, at_once: bool = False):
+        self._workers, self._least_work, self._at_once = workers, least_work, at_once
         self._waiting: deque[Task] = deque()  # the pool's thread takes tasks too
         self._bound: deque[Task] = deque()  # to this process: they cannot be pickled
         self._outcomes: SimpleQueue[_Outcome] = SimpleQueue()
@@ -63,6 +67,12 @@ class ProcessExecutor(Executor):
         self._places = Semaphore(others + 1)
         self._failure: _Outcome | None = None
 
+    def __enter__(self) -> Self:
+        """Start the other processes, if they are to start at once."""
+        if self._at_once:
+            self._start(self._workers - 1)
+        return self
+
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
         """Accept a task; return its index."""
         index = self._count
@@ -75,8 +85,7 @@ class ProcessExecutor(Executor):
         """Yield index and result of each task as they come."""
         while self._open:
             if self._pool is None and self._is_long_work():
-                others = min(self._workers - 1, len(self._waiting))
-                self._pool = ProcessPoolExecutor(others, mp_context=self._context)
+                self._start(min(self._workers - 1, len(self._waiting)))
             if self._pool is not None:
                 self._feed(self._pool)
             outcome = self._next_outcome()
@@ -99,6 +108,11 @@ class ProcessExecutor(Executor):
             # Not asked but terminated: a task may take minutes, and idle ones have nothing to lose.
             self._context.terminate()
             self._pool.shutdown(wait=True)
+
+    def _start(self, others: int) -> None:
+        self._pool = ProcessPoolExecutor(others, mp_context=self._context)
+        for _ in range(others):  # each is started by a task
+            self._pool.submit(_load_compiler)
 
     def _is_long_work(self) -> bool:
         if self._task_seconds is None:
@@ -182,6 +196,11 @@ class ProcessExecutor(Executor):
                 break
             if task.index < failed.index:
                 self._waiting.append(task)
+
+
+def _load_compiler() -> None:
+    """Import what takes longest, before a task needs it."""
+    import_module("numba")
 
 
 def _run_pickled(content: bytes) -> Any:
