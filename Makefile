@@ -45,14 +45,20 @@ quick: $(INSTALLED)  ## the core's tests, in a minute
 	$(BIN)/python -m pytest $(ONE_MORE) $(QUICK) \
 	  $(foreach path,$(NOT_QUICK),--ignore-glob=$(path))
 
-# Last, with nothing beside: what tells how soon something answers.
+# Marked tests beside one another, then with nothing beside those that tell how soon something
+# answers. What fails is run once more, alone: that tells a fault from a machine that stood still.
+# Draws are seeded, so no number passes the second time.
+define run_tests
+	$(BIN)/python -m pytest -m "$(1) and not wall_time" $(ONE_MORE) tests $(2) || { [ $$? = 1 ] && \
+	  $(BIN)/python -m pytest -m "$(1)" --last-failed --last-failed-no-failures none; }
+	$(BIN)/python -m pytest -m "$(1) and wall_time" tests/host
+endef
+
 test: $(INSTALLED)  ## all tests but the slow ones
-	$(BIN)/python -m pytest -m "not slow and not evidence and not wall_time" $(ONE_MORE)
-	$(BIN)/python -m pytest -m "not slow and wall_time" tests/host
+	$(call run_tests,not slow and not evidence,src)
 
 slow: $(INSTALLED)  ## the big Monte Carlo runs
-	$(BIN)/python -m pytest -m "slow and not evidence and not wall_time" $(ONE_MORE) tests
-	$(BIN)/python -m pytest -m "slow and wall_time" tests/host
+	$(call run_tests,slow and not evidence)
 
 check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
 	$(BIN)/ruff format --check .
