@@ -8,7 +8,7 @@ from importlib.metadata import version
 from typing import Any
 
 from inercal.errors import InercalError, InputError, require_installed
-from inercal.parallel import Settled, TolerantExecutor, WorkerLost, available_cores
+from inercal.parallel import Settled, Task, TolerantExecutor, WorkerLost, available_cores
 
 _LOGGERS = ("distributed", "distributed.client", "distributed.utils", "distributed.core")
 _TIMEOUT = 10.0  # s, for the answer of a scheduler
@@ -104,6 +104,7 @@ class DaskExecutor(TolerantExecutor):
         self._futures = distributed.as_completed(loop=client.loop, raise_errors=False)
         self._indices: dict[str, int] = {}  # by key of the future
         self._open: dict[int, Any] = {}
+        self._waiting: list[Task] = []  # accepted, and not sent yet
         self._count = 0
         self.dashboard = str(client.dashboard_link)
 
@@ -138,45 +139,58 @@ class DaskExecutor(TolerantExecutor):
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
         """Accept a task; return its index."""
-        index = self._count
         self._count += 1
+        self._waiting.append(Task(self._count - 1, function, arguments))
+        return self._count - 1
+
+    def _send(self) -> None:
+        """Send the tasks that were accepted since, all in one message."""
+        tasks, self._waiting = self._waiting, []
+        if not tasks:
+            return
         try:
-            future = self._client.submit(function, *arguments, pure=False)
+            futures = self._client.map(Task.__call__, tasks, key="task", pure=False)
         except Exception as error:  # of a client that is closed, of more than one type
             if self._client.status == "running":
                 raise
             raise self._scheduler_lost() from error
-        self._indices[future.key] = index
-        self._open[index] = future
-        self._futures.add(future)
-        return index
+        for task, future in zip(tasks, futures, strict=True):
+            self._indices[future.key] = task.index
+            self._open[task.index] = future
+        self._futures.update(futures)
 
     def forget_after(self, index: int) -> None:
         """Drop the tasks of larger index."""
+        self._waiting = [task for task in self._waiting if task.index <= index]
         for other in [k for k in self._open if k > index]:
             self._open.pop(other).cancel()
 
     def settled(self) -> Iterator[Settled]:
         """Yield each task as it ends."""
-        killed: Any = import_module("distributed").KilledWorker
-        for future in self._futures:
-            index = self._indices.pop(future.key)
-            if self._open.pop(index, None) is None:
-                continue  # forgotten
-            if future.status in ("cancelled", "lost") and self._client.status != "running":
-                raise self._scheduler_lost()
-            if future.status == "finished":
-                try:
-                    result, error = future.result(), None
-                except OSError as lost:  # the task itself has ended well
-                    raise self._scheduler_lost() from lost
-            else:
-                result, error = None, _error_of(future)
-                if isinstance(error, killed):
-                    error = WorkerLost("the worker died")
-            # A future that is held is computed again when its worker dies.
-            future.release()
-            yield Settled(index, result, error)
+        # Those that have ended meanwhile are fetched at once: short tasks cost less than a request.
+        self._send()
+        while self._futures.count():
+            batch = self._futures.next_batch()
+            results = self._fetch([one for one in batch if one.status == "finished"])
+            for future in batch:
+                index = self._indices.pop(future.key)
+                if self._open.pop(index, None) is None:
+                    continue  # forgotten
+                if future.status in ("cancelled", "lost") and self._client.status != "running":
+                    raise self._scheduler_lost()
+                error = None if future.key in results else _error_of(future)
+                # A future that is held is computed again when its worker dies.
+                future.release()
+                yield Settled(index, results.pop(future.key, None), error)
+            self._send()
+
+    def _fetch(self, finished: list[Any]) -> dict[str, Any]:
+        """Return the results of futures by their keys."""
+        try:
+            results = self._client.gather(finished)
+        except OSError as lost:  # the tasks themselves have ended well
+            raise self._scheduler_lost() from lost
+        return {one.key: result for one, result in zip(finished, results, strict=True)}
 
     def _scheduler_lost(self) -> SchedulerLost:
         return SchedulerLost(
@@ -195,6 +209,8 @@ class DaskExecutor(TolerantExecutor):
 
 
 def _error_of(future: Any) -> BaseException:
-    if future.status == "error":
-        return future.exception()
-    return WorkerLost(f"the scheduler has dropped the task ({future.status})")
+    if future.status != "error":
+        return WorkerLost(f"the scheduler has dropped the task ({future.status})")
+    error: BaseException = future.exception()
+    killed: Any = import_module("distributed").KilledWorker
+    return WorkerLost("the worker died") if isinstance(error, killed) else error
