@@ -49,6 +49,7 @@ from inercal.pipeline.temperature_fit import (
     fit_over_temperatures,
     with_common_errors,
 )
+from inercal.pipeline.zero_rate_check import check_zero_rates
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
@@ -211,6 +212,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         findings += check_stated_noise(
             observations, sensor, inputs.steps, by_hand=run.method.unknown_attitudes
         )
+    findings += check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     sampled = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings
