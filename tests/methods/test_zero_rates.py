@@ -6,15 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.methods.test_six_position_gyros import RUN, recorded
+from tests.refusals import refused
 
+from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
-from inercal.pipeline import Outcome
+from inercal.io.write import write_recording
+from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.pipeline.zero_rate_check import check_zero_rates
 from inercal.plan import Hold, Turn
 from inercal.recording import Observations
 from inercal.runfile import read
 from inercal.sensors import imu
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 BIAS = '"gx.bias" = "0.3 °/s"'
 PRIOR = '[method.prior]\n"gx.bias" = "{} °/s ± {} °/s"\n'
 STEPS = (Hold("a", (0, 0, 1), 10.0), Turn("b", (0, 0, 1), 6.28, 10.0), Hold("c", (0, 0, -1), 10.0))
@@ -101,3 +105,19 @@ def test_columns_are_named_as_the_file_has_them():
     (message,) = gyro_warnings([[-52, -60, 70]] * 3)
     assert "gx (column gyro-x) −52 °/s, gy (column 5) −60 °/s, gz (column gyr_z) 70 °/s" in message
     assert len(message) <= 300
+
+
+def test_a_refusal_by_hand_names_gyros_that_read_too_much_at_rest(tmp_path: Path):
+    """An MPU-6050 has 131 LSB/(°/s); turns of 131 times their angle agree with no rest."""
+    text = (EXAMPLES / "hand_held" / "simulated.toml").read_text(encoding="utf-8")
+    path = tmp_path / "run.toml"
+    path.write_text(text.replace("hand_held.csv", "counts.npz"), encoding="utf-8")
+    run = read(path)
+    counts = apply_data_columns(run, simulate(run, 1))
+    for column in run.data.gyro:
+        counts.data[..., counts.channels.index(str(column))] *= 131
+    write_recording(counts, tmp_path / "counts.npz")
+    with refused(NotObserved) as refusal:
+        calibrate(run)
+    assert "gx (column gyr_x) 52" in str(refusal.value)
+    assert "[sensor.gyro]" in str(refusal.value)
