@@ -90,8 +90,9 @@ glossary: $(INSTALLED)  ## write the page of the terms
 verbs: $(INSTALLED)  ## write the page of the verbs
 	$(BIN)/python -m tools.verbs_page
 
-dependencies: $(INSTALLED)  ## write the page of the dependencies, with sizes and licences: after make lock
+dependencies: $(INSTALLED)  ## write the page of the dependencies, with sizes and licences, and their bill of materials: after make lock
 	$(BIN)/python -m tools.dependencies_page
+	$(BIN)/python -m tools.bill_of_materials
 
 notebooks: $(INSTALLED)  ## run the notebooks, and write their pages
 	$(BIN)/python -m tools.notebook_pages

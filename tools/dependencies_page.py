@@ -19,6 +19,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reference" / "dependencies.md"
+MATERIALS = PAGE.with_suffix(".cdx.json")
 _MB = 1e6
 _OSI = "License :: OSI Approved :: "
 _LONGEST = 60  # characters of a licence's name; what is longer is its text
@@ -32,6 +33,9 @@ What `pip install inercal` brings, what each extra adds, and the licences: writt
 `make dependencies` from the installed packages. Sizes are those of their files on
 {system}, without compiled bytecode. They are added up for each extra
 alone; extras that are installed together share packages.
+
+The [software bill of materials](dependencies.cdx.json) (CycloneDX 1.6) lists every package of
+`requirements.lock`, those of development too, with version, package URL, licence and hashes.
 """
 
 

@@ -13,6 +13,13 @@ from inercal.pipeline import calibrate
 
 ROOT = Path(__file__).parents[2]
 DATE = "2026-11-26"
+CHINESE = Path("/usr/share/fonts/opentype/noto/NotoSerifCJK-Regular.ttc")
+
+
+def need_chinese() -> None:
+    """Skip a test where the system has no font with Chinese characters."""
+    if not CHINESE.is_file():
+        pytest.skip(f"no Chinese font: Debian's fonts-noto-cjk has {CHINESE}")
 
 
 @pytest.fixture(scope="session")

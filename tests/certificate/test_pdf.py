@@ -10,7 +10,7 @@ from typing import Any
 
 import pikepdf
 import pytest
-from tests.certificate.conftest import Laboratory
+from tests.certificate.conftest import CHINESE, Laboratory, need_chinese
 from tests.certificate.dcc_xml import etree
 from tests.certificate.pdf_text import page_texts, squeezed
 
@@ -34,7 +34,6 @@ external = "temperature tests by Laboratory B"
 opinions = "the bias agrees with that of a new sensor"
 """
 NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
-CHINESE = Path("/usr/share/fonts/opentype/noto/NotoSerifCJK-Regular.ttc")
 JARS = ("pdfbox2", "fontbox2", "xmpbox", "preflight", "commons-logging", "commons-io",
         "javax.activation", "jaxb-api")  # fmt: skip
 
@@ -46,11 +45,6 @@ def issued(example: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     job = folder / "job.toml"
     job.write_text(ORDER, encoding="utf-8")
     return laboratory.issue("--job", job, "--as-found", laboratory.calibration)
-
-
-def need_chinese() -> None:
-    if not CHINESE.is_file():
-        pytest.skip(f"no Chinese font: Debian's fonts-noto-cjk has {CHINESE}")
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=[one["clause"] for one in ITEMS])

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pikepdf
 import pytest
-from tests.certificate.conftest import Laboratory
+from tests.certificate.conftest import Laboratory, need_chinese
 from tests.certificate.dcc_xml import etree
+from tests.certificate.pdf_text import page_texts, squeezed
 from tests.certificate.signing_keys import PASSPHRASE, write_chain
 from tests.program import run_program
 
 from inercal.certificate.schema import schema_defects
+from inercal.certificate.texts import LANGUAGES, Language, Texts
 from inercal.cli.certificate_commands import PASSPHRASE as VARIABLE
 
 
@@ -38,6 +40,37 @@ def test_a_signed_certificate_is_verified_by_its_key(signed: Path, keys: Path, s
     assert schema_defects(dcc.read_bytes(), schema) == ()
     root = etree.parse(dcc).getroot()
     assert etree.QName(root[-1]).localname == "Signature"
+
+
+def stroke_count(path: Path) -> int:
+    """Return the number of stroked lines of all pages."""
+    with pikepdf.open(path) as document:
+        return sum(
+            str(operator) == "S"
+            for page in document.pages
+            for _, operator in pikepdf.parse_content_stream(page)
+        )
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_signed_certificate_says_so_in_place_of_the_line_for_a_signature(
+    language: Language,
+    laboratory: Laboratory,
+    keys: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    if language == "zh":
+        need_chinese()
+    monkeypatch.setenv(VARIABLE, PASSPHRASE)
+    signed = laboratory.issue("--sign", keys / "own.p12", "--language", language)
+    laboratory.register = str(tmp_path / "other.db")
+    unsigned = laboratory.issue("--force", "--out", tmp_path, "--language", language)
+    note = squeezed(Texts(language).text("signed_electronically"))
+    assert "inercalcertificateverify" in note
+    assert note in "".join(page_texts(signed))
+    assert note not in "".join(page_texts(unsigned))
+    assert stroke_count(unsigned) == stroke_count(signed) + 1
 
 
 def test_a_signature_leaves_the_bytes_and_the_standard_of_the_pdf(signed: Path):

@@ -70,6 +70,8 @@ AS_THEY_ARE, ONES = [0, 1, 2, 3, 4, 5], [1.0] * 6
         (AS_THEY_ARE, [1, -1, 1, 1, 1, 1], {}, "y_p", "reversed"),
         (AS_THEY_ARE, [1, 1, 1, *[1 / DEGREE] * 3], {}, "x_rot", "°/s taken for rad/s"),
         (AS_THEY_ARE, [1, 1, 1, *[DEGREE] * 3], {}, "x_rot", "rad/s taken for °/s"),
+        (AS_THEY_ARE, [1, 1, 1, *[16.4] * 3], {}, "x_rot", "16.6 times the turn: check unit"),
+        (AS_THEY_ARE, [1, 1, 1, *[0.1] * 3], {}, "x_rot", "another section"),
     ],
 )
 def test_means_that_contradict_the_plan_are_refused_by_section(

@@ -75,7 +75,7 @@ def make_files(
             file=options.schema,
             key="--schema",
         )
-    pdf = write_pdf(certificate, dcc, font)
+    pdf = write_pdf(certificate, dcc, font, signed=options.key is not None)
     if options.key is not None:
         pdf = sign_pdf(pdf, options.key)
     return CertificateFiles(pdf, dcc)

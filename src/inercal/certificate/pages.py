@@ -24,7 +24,9 @@ _LONG_WORD = re.compile(r"\S{64}(?=\S)")  # it would pass the margin
 _REGIONS = {"zh": "cn"}
 
 
-def page_data(certificate: Certificate, fonts: list[str], *, bookmarked: bool) -> dict[str, Any]:
+def page_data(
+    certificate: Certificate, fonts: list[str], *, bookmarked: bool, signed: bool
+) -> dict[str, Any]:
     """Return what the layout prints.
 
     Parameters
@@ -34,6 +36,8 @@ def page_data(certificate: Certificate, fonts: list[str], *, bookmarked: bool) -
         Families, the first that has a character counts.
     bookmarked : bool
         Whether headings are in the outline of the document.
+    signed : bool
+        Whether the file will be signed by key; else there is a line for a signature by hand.
     """
     texts, issued = certificate.texts, certificate.issued
     before, between, after = re.split(
@@ -55,12 +59,12 @@ def page_data(certificate: Certificate, fonts: list[str], *, bookmarked: bool) -
         "end": texts.text("end"),
         "marks": [texts.word("mark", mark) for mark in certificate.marks],
         "files": [f"{stem}.xml", f"{stem}.calibration.json"],
-        "sections": [part for part in _sections(certificate) if part["blocks"]],
+        "sections": [part for part in _sections(certificate, signed) if part["blocks"]],
     }
     return _printable(data)
 
 
-def _sections(certificate: Certificate) -> list[dict[str, Any]]:
+def _sections(certificate: Certificate, signed: bool) -> list[dict[str, Any]]:
     t = certificate.texts
     parts = [
         _section(t.text("change"), _lines(change_lines(certificate))),
@@ -86,7 +90,11 @@ def _sections(certificate: Certificate) -> list[dict[str, Any]]:
             _instruments(certificate),
         ),
         _section(t.text("remarks"), _facts(_remarks(certificate)), _lines(general_lines(t))),
-        _section(t.text("authorization"), _facts(_persons(certificate)), _signature(certificate)),
+        _section(
+            t.text("authorization"),
+            _facts(_persons(certificate)),
+            _signature(certificate, signed),
+        ),
     ]
     return parts
 
@@ -247,8 +255,12 @@ def _approver(certificate: Certificate) -> str:
     return ", ".join(filter(None, (laboratory.approved_by, laboratory.approver_role)))
 
 
-def _signature(certificate: Certificate) -> dict[str, Any]:
-    return {"kind": "signature", "signer": f"{certificate.issued}, {_approver(certificate)}"}
+def _signature(certificate: Certificate, signed: bool) -> dict[str, Any]:
+    return {
+        "kind": "signature",
+        "note": certificate.texts.text("signed_electronically") if signed else "",
+        "signer": f"{certificate.issued}, {_approver(certificate)}",
+    }
 
 
 def _printable(data: Any) -> Any:

@@ -20,7 +20,9 @@ STANDARD = "a-3b"
 _MISSING = re.compile(r'the text `?"(.+?)"`? could not be displayed', re.DOTALL)
 
 
-def write_pdf(certificate: Certificate, dcc: bytes, font: Path | None) -> bytes:
+def write_pdf(
+    certificate: Certificate, dcc: bytes, font: Path | None, *, signed: bool = False
+) -> bytes:
     """Return the certificate as PDF/A-3b.
 
     Parameters
@@ -30,6 +32,9 @@ def write_pdf(certificate: Certificate, dcc: bytes, font: Path | None) -> bytes:
         The digital calibration certificate, which is attached as an alternative of the pages.
     font : Path or None
         A font file for characters that typst's own fonts lack.
+    signed : bool
+        Whether the file will be signed by key (`inercal.certificate.signature.sign_pdf`), which the
+        pages then say.
 
     Raises
     ------
@@ -40,7 +45,7 @@ def write_pdf(certificate: Certificate, dcc: bytes, font: Path | None) -> bytes:
         "dcc": dcc.decode(),
         "calibration": calibration_bytes(certificate.results[-1]).decode(),
     }
-    return _compile(certificate, attached, font, STANDARD)
+    return _compile(certificate, attached, font, STANDARD, signed=signed)
 
 
 def write_pdf_a1(certificate: Certificate, font: Path | None) -> bytes:
@@ -49,13 +54,18 @@ def write_pdf_a1(certificate: Certificate, font: Path | None) -> bytes:
 
 
 def _compile(
-    certificate: Certificate, attached: dict[str, str], font: Path | None, standard: str
+    certificate: Certificate,
+    attached: dict[str, str],
+    font: Path | None,
+    standard: str,
+    *,
+    signed: bool = False,
 ) -> bytes:
     typst = certificate_library("typst")
     source = files("inercal.certificate").joinpath("certificate.typ").read_bytes()
     with font_families(font) as (families, folders):
         # PDFBox Preflight cannot read the destinations of typst's outline.
-        data = page_data(certificate, families, bookmarked=standard == STANDARD)
+        data = page_data(certificate, families, bookmarked=standard == STANDARD, signed=signed)
         try:
             document = typst.compile(
                 source,

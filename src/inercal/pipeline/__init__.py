@@ -49,6 +49,7 @@ from inercal.pipeline.temperature_fit import (
     fit_over_temperatures,
     with_common_errors,
 )
+from inercal.pipeline.zero_rate_check import check_zero_rates
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
@@ -211,6 +212,8 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         findings += check_stated_noise(
             observations, sensor, inputs.steps, by_hand=run.method.unknown_attitudes
         )
+    zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
+    findings += zero_rates
     sampled = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings
@@ -225,7 +228,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         estimate = run.solver(after)(observations, sampled, bench, inputs.plan, run.priors)
     except (InputError, NotObserved) as error:
         located = error.located(run.path)
-        located.args = (f"{located}{_possible_causes(inputs, sensor, error)}",)
+        located.args = (f"{located}{_possible_causes(inputs, sensor, zero_rates, error)}",)
         raise located from None
     estimate = with_common_errors(run, inputs, estimate)
     fit = Fit(
@@ -338,11 +341,14 @@ def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHis
     return SearchHistory(run.search.goal, tuple(generations))
 
 
-def _possible_causes(inputs: EstimatorInput, sensor: Sensor, error: InercalError) -> str:
-    """Return what may have caused that the estimator refused: temperatures, missing rests."""
+def _possible_causes(
+    inputs: EstimatorInput, sensor: Sensor, zero_rates: Sequence[Finding], error: InercalError
+) -> str:
+    """Return what may have caused that the estimator refused: units, temperatures, rests."""
     causes = [finding.message for finding in inputs.findings if finding.what == "missing"]
     if inputs.rests is not None:
         causes.append(inputs.rests.finding.message)
+    causes = [*(finding.message for finding in zero_rates), *causes]
     t = inputs.observations.temperature
     if t is not None and isinstance(error, NotObserved):
         free = " ".join(error.directions).split()

@@ -201,10 +201,13 @@ def _check_turn(step: HandStep, angle: np.ndarray) -> list[Finding]:
     about = describe_direction(step.axis)
     planned = f"section {step.label} should turn {step.angle * degrees:+.0f}° about {about}"
     read = f"the gyros integrate to {_vector_text(angle * degrees)}°"
-    if abs(along) < _ALIGNED * size or not 0.5 < size / abs(step.angle) < 2:
+    aligned, times = abs(along) >= _ALIGNED * size, size / abs(step.angle)
+    if not aligned or not 0.5 < times < 2:
         hint = "look for a mark on another section, or for columns swapped"
+        if aligned and times > 2:
+            hint = f"{times:.3g} times the turn: check unit and scale in [sensor.gyro]"
         for ratio, unit in ((degrees, "°/s taken for rad/s"), (1 / degrees, "rad/s taken for °/s")):
-            if 0.7 < size / abs(step.angle) / ratio < 1.4:
+            if 0.7 < times / ratio < 1.4:
                 hint = f"this looks like {unit}: see unit in [sensor.gyro]"
         raise InputError(f"{planned}, but {read}: {hint}", names=(step.label,))
     if along * step.angle < 0:
