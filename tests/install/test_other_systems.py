@@ -25,7 +25,7 @@ for name in {FUNCTIONS!r}:
     if hasattr(os, name):
         delattr(os, name)
 import multiprocessing
-multiprocessing.set_start_method("spawn")
+multiprocessing.set_start_method("spawn", force=True)  # a worker reads this file too
 if __name__ == "__main__":
     from inercal.cli.app import main
     main()
