@@ -22,10 +22,13 @@ OTHER_METHODS = tuple(
     )
 )
 WATCHED = HEAVY + NOWHERE + OTHER_METHODS
+AFTER_CHECKS = ("scipy", "inercal.estimate", "inercal.calibration", "inercal.pipeline")
 
 
-def heavy_imports(*arguments: str | Path, status: int = 0) -> set[str]:
-    """Return which heavy libraries the program has imported when it ends with this status."""
+def heavy_imports(
+    *arguments: str | Path, status: int = 0, watched: tuple[str, ...] = WATCHED
+) -> set[str]:
+    """Return which watched modules the program has imported when it ends with this status."""
     code = (
         "import sys\n"
         "from inercal.cli.app import main\n"
@@ -34,13 +37,13 @@ def heavy_imports(*arguments: str | Path, status: int = 0) -> set[str]:
         "    main()\n"
         "except SystemExit as stop:\n"
         "    status = stop.code or 0\n"
-        f"print([m for m in {WATCHED!r} if m in sys.modules], status, file=sys.stderr)\n"
+        f"print([m for m in {watched!r} if m in sys.modules], status, file=sys.stderr)\n"
     )
     command = [sys.executable, "-c", code, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
     last = done.stderr.splitlines()[-1]
     assert last.endswith(f"] {status}"), done.stderr
-    return {name for name in WATCHED if f"'{name}'" in last}
+    return {name for name in watched if f"'{name}'" in last}
 
 
 @pytest.fixture
@@ -67,6 +70,12 @@ def test_a_mistyped_run_file_is_refused_before_anything_heavy_is_imported(verb: 
     text = table.read_text(encoding="utf-8")
     table.write_text(text.replace("latitude", "lattitude"), encoding="utf-8")
     assert heavy_imports(verb, table, status=2) == set()
+
+
+def test_a_mistyped_run_file_is_refused_without_the_estimators(table: Path):
+    text = table.read_text(encoding="utf-8")
+    table.write_text(text.replace("latitude", "lattitude"), encoding="utf-8")
+    assert heavy_imports("calibrate", table, status=2, watched=AFTER_CHECKS) == set()
 
 
 def test_a_simulation_of_six_positions_imports_nothing_heavy(tmp_path: Path):

@@ -7,6 +7,7 @@ again. Nothing is converted: a number in quotation marks or `true` is no number.
 import math
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -193,9 +194,15 @@ def require_valid(content: dict[str, Any]) -> None:
             names=repeated,
         )
     _require_covariance(file.covariance, file.coefficients)
-    mount = np.array(file.mount, dtype=float)
-    if np.max(np.abs(mount @ mount.T - np.eye(3))) > 1e-6 or np.linalg.det(mount) < 0:
+    if not _is_rotation(tuple(map(tuple, file.mount))):
         raise InputError("mount: the matrix is no rotation", key="mount")
+
+
+@lru_cache(maxsize=16)  # a register holds thousands of calibrations of one mounting
+def _is_rotation(rows: tuple[tuple[float, ...], ...]) -> bool:
+    matrix = np.array(rows, dtype=float)
+    orthonormal = np.max(np.abs(matrix @ matrix.T - np.eye(3))) <= 1e-6
+    return bool(orthonormal and np.linalg.det(matrix) >= 0)
 
 
 def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coefficient]) -> None:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from pydantic_core import from_json
+from pydantic_core import from_json, to_json
 
 from inercal.calibration import (
     Calibration,
@@ -235,12 +235,15 @@ def _parse_json(text: str) -> Any:
 
 def _key_count(content: Any) -> int:
     """Return how many keys there are at least: lists that begin with a number are not searched."""
-    if isinstance(content, dict):
-        inner = cast(dict[str, Any], content)
-        return len(inner) + sum(map(_key_count, inner.values()))
-    if isinstance(content, list) and content and not isinstance(content[0], float):
-        return sum(map(_key_count, cast(list[Any], content)))
-    return 0
+    count, values = 0, [content]
+    for one in values:  # which grows by what it holds
+        if isinstance(one, dict):
+            inner = cast(dict[str, Any], one)
+            count += len(inner)
+            values += inner.values()
+        elif isinstance(one, list) and one and not isinstance(one[0], float):
+            values += cast(list[Any], one)
+    return count
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -260,7 +263,7 @@ def _refuse_constant(word: str) -> float:
 def _from_object(content: dict[str, Any]) -> Calibration:
     coefficients = content["coefficients"]
     sensor = _sensor(
-        json.dumps(content["sensor"]), tuple((one["name"], one["unit"]) for one in coefficients)
+        to_json(content["sensor"]), tuple((one["name"], one["unit"]) for one in coefficients)
     )
     notes, judged = tuple(content["notes"]), content.get("verdict")
     shared, validity = content.get("shared"), content.get("validity")
@@ -286,7 +289,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
 
 
 @lru_cache(maxsize=16)  # a register holds thousands of calibrations of one sensor
-def _sensor(described: str, coefficients: tuple[tuple[str, str], ...]) -> Sensor:
+def _sensor(described: bytes, coefficients: tuple[tuple[str, str], ...]) -> Sensor:
     """Return the sensor of a file with its coefficients, which are stated with their units."""
     content: dict[str, Any] = json.loads(described, parse_int=float)
     axes = tuple(

@@ -110,6 +110,8 @@ def main() -> None:
     """Run the program; an error of the input is one line on standard error and status 2."""
     # Matrices are small: threads of linear algebra would only wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # To look for plugins, pydantic would read the metadata of all installed packages.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     streams = StandardStreams()
     with written_files() as written:
         status = _run()

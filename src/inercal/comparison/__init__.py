@@ -161,6 +161,8 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
     InputError
         It cannot be converted; the message gives the reason.
     """
+    if calibration.sensor is like.sensor and calibration.frame == like.frame:
+        return calibration
     if calibration.sensor.axes is not like.sensor.axes:
         _require_same_axes(calibration, like)
     dependent = calibration.sensor.uses("dT") and like.sensor.uses("dT")

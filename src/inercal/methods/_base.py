@@ -3,16 +3,18 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 from inercal.arrays import Array
 from inercal.benches.report_data import Plot
-from inercal.calibration.forms import Frame
 from inercal.environment import Environment
 from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian
 from inercal.recording import Finding, Observations, Track
 from inercal.sensors import Sensor
+
+if TYPE_CHECKING:  # a run file that is refused needs none of these
+    from inercal.calibration.forms import Frame
+    from inercal.estimate import Estimate, Gaussian
 
 Kind = Literal["f", "w"]
 _WORDS = {"f": "accelerometers", "w": "gyros"}
@@ -31,8 +33,8 @@ class Estimator(Protocol[BenchIn, StepIn]):
         sensor: Sensor,
         bench: BenchIn,
         steps: Sequence[StepIn],
-        priors: Sequence[Gaussian] = (),
-    ) -> Estimate:
+        priors: "Sequence[Gaussian]" = (),
+    ) -> "Estimate":
         """Return the estimate; raise NotObserved where the data do not support it."""
         ...
 
@@ -89,7 +91,7 @@ class SequentialEstimator(Protocol[BenchIn, StepIn]):
         sensor: Sensor,
         bench: BenchIn,
         steps: Sequence[StepIn],
-        priors: Sequence[Gaussian],
+        priors: "Sequence[Gaussian]",
         rate_hz: float,
     ) -> Sequential:
         """Return the estimator before the first sample.
@@ -141,8 +143,8 @@ class Fit(Generic[Bench, Step]):
     bench: Bench
     observations: Observations
     steps: Sequence[Step]
-    priors: Sequence[Gaussian]
-    estimate: Estimate
+    priors: "Sequence[Gaussian]"
+    estimate: "Estimate"
     time_offset: bool = False
     environment: Environment | None = None
 
@@ -172,7 +174,7 @@ def _no_remarks(fit: Fit[Any, Any]) -> Remarks:
     return Remarks()
 
 
-def _mount_frame(bench: object) -> Frame:
+def _mount_frame(bench: object) -> "Frame":
     return "mount"
 
 
@@ -230,7 +232,7 @@ class Method(Generic[Bench, Step]):
     also: Mapping[Kind, tuple[str, ...]] = field(default_factory=dict[Kind, tuple[str, ...]])
     unknown_attitudes: bool = False
     norm_only_estimators: tuple[str, ...] = ()
-    frame: Callable[[Bench], Frame] = _mount_frame
+    frame: "Callable[[Bench], Frame]" = _mount_frame
     remarks: Callable[[Fit[Bench, Step]], Remarks] = _no_remarks
     constant_rates: bool = False
     follows_rest: bool = False

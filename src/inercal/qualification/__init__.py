@@ -5,7 +5,6 @@
 """
 
 from inercal.qualification.bench_keys import KEY, UsedQualifications
-from inercal.qualification.joint_prior import JointPriorEstimator
 from inercal.qualification.result import Qualification, QualifiedParameter
 
 NO_QUALIFICATIONS = UsedQualifications()
@@ -13,7 +12,6 @@ NO_QUALIFICATIONS = UsedQualifications()
 __all__ = [
     "KEY",
     "NO_QUALIFICATIONS",
-    "JointPriorEstimator",
     "Qualification",
     "QualifiedParameter",
     "UsedQualifications",

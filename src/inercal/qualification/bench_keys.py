@@ -17,7 +17,6 @@ from inercal.benches.kind_definition import Kind
 from inercal.errors import InputError
 from inercal.keys import ErrorName
 from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
-from inercal.qualification.qualification_file import load
 from inercal.qualification.result import Qualification, QualifiedParameter
 
 KEY = "[bench] qualification"
@@ -76,6 +75,8 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
     files = [text for text in cast(Sequence[object], texts) if isinstance(text, str)]
     if len(files) != len(cast(Sequence[object], texts)):
         return UsedQualifications()
+    from inercal.qualification.qualification_file import load
+
     each: list[Qualification] = []
     for text in files:
         try:

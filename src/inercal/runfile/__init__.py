@@ -19,13 +19,12 @@ from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS, kind_name_for_class
 from inercal.environment import Environment
 from inercal.errors import InputError
-from inercal.estimate import Gaussian
 from inercal.io.file_patterns import is_pattern, matching_files
 from inercal.keys import CoefficientName
 from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.plan import Step, TableStep, Turn, table_steps
-from inercal.qualification import NO_QUALIFICATIONS, JointPriorEstimator, UsedQualifications
+from inercal.qualification import NO_QUALIFICATIONS, UsedQualifications
 from inercal.recording import Finding
 from inercal.runfile.check_standard_keys import stated_check_standard
 from inercal.runfile.environment_section import (
@@ -41,7 +40,6 @@ from inercal.runfile.method_section import (
     search_options,
     stated_plan_keys,
 )
-from inercal.runfile.priors import method_priors
 from inercal.runfile.qualified_bench import (
     check_validity,
     qualified_bench,
@@ -62,6 +60,7 @@ from inercal.small_files import is_file, parse_toml, read_small_file, read_toml
 
 if TYPE_CHECKING:
     from inercal.calibration.specification import Specification
+    from inercal.estimate import Gaussian
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
@@ -135,7 +134,7 @@ class Run:
     method: Method[Any, Any]
     estimator: str
     plan: Callable[[], tuple[Step, ...]]
-    priors: tuple[Gaussian, ...]
+    priors: "tuple[Gaussian, ...]"
     rate_hz: float | None
     time_offset: bool = False
     has_plan_keys: bool = False
@@ -190,7 +189,11 @@ class Run:
             from inercal.methods.ship_multi_angle import global_
 
             solve = partial(global_, options=self.search, progress=progress)
-        return JointPriorEstimator(solve) if self.qualified.each else solve
+        if not self.qualified.each:
+            return solve
+        from inercal.qualification.joint_prior import JointPriorEstimator
+
+        return JointPriorEstimator(solve)
 
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file.
@@ -320,6 +323,8 @@ def _build_run(
     kind: Kind[Any, Any],
     used: UsedQualifications,
 ) -> Run:
+    from inercal.runfile.priors import method_priors  # loads the estimators
+
     chosen = method(schema.method.name)
     bench = qualified_bench(kind.build(schema.bench, path.parent), used)
     full_sensor = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)

@@ -1,6 +1,6 @@
 """The calibrations of a sensor over time, coefficient by coefficient."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import cached_property
@@ -11,7 +11,6 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
-from inercal.calibration.shared_errors import shared_covariance
 from inercal.comparison import (
     ROUNDING,
     build_comparison,
@@ -251,10 +250,11 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     times = [datetime.fromisoformat(entry.measured).timestamp() for entry, _ in kept]
     years = (np.array(times) - times[0]) / changes.YEAR
     found = [one for _, one in kept]
+    parts = [_shared_parts(one) for one in found]
     return SensorHistory(
         sensor,
         tuple(entry for entry, _ in kept),
-        tuple(_coefficient_trend(name, newest, found, years) for name in names),
+        tuple(_coefficient_trend(name, newest, found, parts, years) for name in names),
         tuple(found),
         tuple(left_out),
     )
@@ -290,18 +290,38 @@ def latest_per_recording(
     return kept, left_out
 
 
+_SharedParts = Mapping[tuple[str, str], Sequence[float]]
+
+
+def _shared_parts(calibration: Calibration) -> _SharedParts:
+    """Return u of each coefficient, signed, SI, by each error that other calibrations may have.
+
+    By the error's name and determination.
+    """
+    return {
+        (one.name, one.determination): (one.covariance / one.std).tolist()
+        for one in calibration.shared or ()
+    }
+
+
 def _coefficient_trend(
-    name: str, newest: Calibration, found: Sequence[Calibration], years: Array
+    name: str,
+    newest: Calibration,
+    found: Sequence[Calibration],
+    parts: Sequence[_SharedParts],
+    years: Array,
 ) -> CoefficientTrend:
     points = [k for k, one in enumerate(found) if name in one.sensor.coefficients]
+    places = [found[k].sensor.coefficients.index(name) for k in points]
     line = newest.sensor.coefficient(name)
-    std = np.array([found[k].uncertainty(name) for k in points])
-    places = {k: [found[k].sensor.coefficients.index(name)] for k in points}
-    shared = [
-        float(shared_covariance(found[a].shared, found[b].shared, (places[a], places[b]))[0, 0])
-        for a, b in pairwise(points)
-    ]
-    own = std[:-1] ** 2 + std[1:] ** 2
+    variance = np.array([found[k].covariance[i, i] for k, i in zip(points, places, strict=True)])
+    shared = np.array(
+        [
+            sum(u[i] * parts[b][error][j] for error, u in parts[a].items() if error in parts[b])
+            for (a, i), (b, j) in pairwise(zip(points, places, strict=True))
+        ]
+    )
+    own = variance[:-1] + variance[1:]
     return CoefficientTrend(
         name,
         line.meaning,
@@ -309,23 +329,20 @@ def _coefficient_trend(
         line.si,
         tuple(points),
         years[points],
-        np.array([found[k].value(name) for k in points]),
-        std,
-        np.sqrt(np.maximum(own - 2 * np.array(shared), ROUNDING**2 * own)),
-        _shared_of_newest(name, [found[k] for k in points[-NEWEST:]]),
+        np.array([found[k].values[i] for k, i in zip(points, places, strict=True)]),
+        np.sqrt(variance),
+        np.sqrt(np.maximum(own - 2 * shared, ROUNDING**2 * own)),
+        _shared_of_newest([parts[k] for k in points[-NEWEST:]], places[-NEWEST:]),
     )
 
 
-def _shared_of_newest(name: str, found: Sequence[Calibration]) -> Array:
+def _shared_of_newest(parts: Sequence[_SharedParts], places: Sequence[int]) -> Array:
     """Return the covariance of one coefficient by errors that calibrations share, (m, m)."""
     columns: dict[tuple[str, str], Array] = {}
-    for k, one in enumerate(found):
-        place = one.sensor.coefficients.index(name)
-        for error in one.shared or ():
-            key = error.name, error.determination
-            column = columns.setdefault(key, np.zeros(len(found)))
-            column[k] = error.covariance[place] / error.std
-    total = np.zeros((len(found), len(found)))
+    for k, (own, i) in enumerate(zip(parts, places, strict=True)):
+        for error, u in own.items():
+            columns.setdefault(error, np.zeros(len(parts)))[k] = u[i]
+    total = np.zeros((len(parts), len(parts)))
     for column in columns.values():
         total += np.outer(column, column)
     return total

@@ -135,10 +135,12 @@ def calibrations(
         .join(sensor, sensor.c.id == calibration.c.sensor_id)
         .outerjoin(bench, bench.c.id == calibration.c.bench_id)
         .where(*where)
-        .order_by(calibration.c.measured.desc(), calibration.c.id.desc())
-        .limit(newest)
     )
-    return tuple(map(_calibration_entry, _rows(db, query)[::-1]))
+    if newest is not None:
+        query = query.order_by(calibration.c.measured.desc(), calibration.c.id.desc()).limit(newest)
+    # Here, not by the database, which would sort whole calibration files.
+    found = sorted(_rows(db, query), key=lambda row: (row.measured, row.id))
+    return tuple(map(_calibration_entry, found))
 
 
 def calibration_numbers(db: Connection, *where: ColumnElement[bool]) -> tuple[int, ...]:

@@ -176,8 +176,20 @@ class Rests:
     def norms(self, x: Array) -> NormResiduals:
         """Return the norm rows at x, with derivatives to the accelerometers' c and g."""
         a, p = len(self.force.coefficients), len(self.sensor.coefficients)
+        return self._cached_norms(x[:a].tobytes(), float(x[p]))
+
+    @cached_property
+    def _cached_norms(self) -> Callable[[bytes, float], NormResiduals]:
+        """Return `norm_residuals` with a cache: a fit of the gyros leaves the accelerometers."""
         mean = self.observations.mean[:, : self.m]
-        return norm_residuals(self.force, mean, x[:a], x[p : p + 1], dT=self.temperature_offsets)
+
+        @lru_cache(maxsize=2)
+        def at(c: bytes, g: float) -> NormResiduals:
+            return norm_residuals(
+                self.force, mean, np.frombuffer(c), np.array([g]), dT=self.temperature_offsets
+            )
+
+        return at
 
     def rows(self, x: Array, attitude: Array | None = None) -> ResidualRows:
         """Return all rows at x = (c, g, ω_e, τ), (p + 5,).
