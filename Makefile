@@ -79,6 +79,7 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.temperature_table
 	$(BIN)/python -m tests.evidence.control
 	$(BIN)/python -m tests.evidence.systematic
+	$(BIN)/python -m tests.evidence.systematic_violations
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
 
 architecture: $(INSTALLED)  ## draw the picture of the packages from their imports

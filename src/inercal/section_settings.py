@@ -52,6 +52,8 @@ class BenchUsage:
         Whether the whole recording is one rest.
     angles : bool
         Whether the angles of a table are used.
+    qualified : tuple of str
+        Keys of [bench] that a qualification replaces.
     """
 
     method: str
@@ -61,6 +63,7 @@ class BenchUsage:
     means: bool
     rest: bool = False
     angles: bool = True
+    qualified: tuple[str, ...] = ()
 
 
 class Section(BaseModel):

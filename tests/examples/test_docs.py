@@ -97,6 +97,8 @@ def default(field: FieldInfo) -> str:
         return "none"
     if isinstance(value, str):
         return f'`"{value}"`'
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"  # as TOML writes it
     return f"`{list(value)}`".replace("'", '"') if isinstance(value, tuple) else f"`{value}`"
 
 

@@ -19,6 +19,7 @@ from inercal.runfile import Run
 ARCSEC = radians(1 / 3600)
 AWAY = (33.0, 33.0 + 400.0)  # in the hold "up": the counter of 16 bits comes round in 327 s
 SERVO = 290.0  # s, after which the table's clock comes round
+UNREAD = (30.0, 37.0)  # s, in which the table is not read
 
 
 @pytest.fixture(scope="module")
@@ -296,3 +297,40 @@ def test_packets_that_cannot_be_timed_are_refused(run: Run):
     ascii_like = read_layout("witmotion")
     with refused(key=None, names=("witmotion",)):
         SampleAssembler(run, replace(ascii_like, rate_hz=None))
+
+
+def test_without_readback_no_sample_waits_for_an_angle(tmp_path: Path):
+    without = {
+        'kind = "turntable"': 'kind = "turntable"\nreadback = false',
+        'name = "turntable_kalman"': 'name = "systematic"',
+        'file = "mimu.csv"': 'file = "mimu.h5"',
+        **dict.fromkeys(
+            (
+                'azimuth = "0 ° ± 0.1 °"',
+                'lean = "5 ″"',
+                'square = "2 ″"',
+                'harmonics = ["2 ″", "1 ″"]',
+                'noise = "0.5 ″"',
+                'latency = "0 ms ± 5 ms"',
+                'table = ["outer", "middle", "inner"]',
+            ),
+            "",
+        ),
+    }
+    of_angles = run_file(tmp_path, PATH)
+    logged = [
+        one
+        for one in Bench(of_angles, seed=4).frames()
+        if one.kind != TABLE or not UNREAD[0] < one.time < UNREAD[1]
+    ]
+    made, block = taken(of_angles, logged)
+    lost = made.tally.samples_without_angle
+    assert lost == pytest.approx(200 * (UNREAD[1] - UNREAD[0]), rel=0.03)
+    made, whole = taken(run_file(tmp_path, PATH, **without), logged)
+    assert made.tally.samples_without_angle == made.tally.samples_with_unusable_angle == 0
+    assert whole.time.size == block.time.size + lost
+    assert np.abs(np.diff(whole.time) - 1 / 200).max() < 1e-6
+    assert whole.angle_output.shape == whole.estimator_track.angles.shape == (whole.time.size, 0)
+    assert whole.estimator_track.angle_quality is None
+    # The host drives by what the table says, where it does.
+    assert np.isnan(whole.angles).any(axis=1).sum() == lost

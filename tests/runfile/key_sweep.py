@@ -168,7 +168,7 @@ def alternatives(key: Key, field: FieldInfo, stated: Any) -> Iterator[Any]:
 
 def _words(field: FieldInfo) -> list[Any]:
     """Return the words that a key takes, yes and no included, where it takes no other."""
-    if bool in get_args(field.annotation):
+    if field.annotation is bool or bool in get_args(field.annotation):
         return [False, True]
     return [
         option

@@ -5,7 +5,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import Field, model_validator
 
 from inercal.errors import InputError
-from inercal.section_settings import Section
+from inercal.section_settings import BenchUsage, Section
 from inercal.units import parse_quantity, si_factor
 
 
@@ -109,6 +109,10 @@ class DataSection(Section):
             A unit of another quantity.
         """
         return ()
+
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
+        """Return the keys that change no result in this use, each with the reason."""
+        return {}
 
     def further_files(self) -> dict[str, str]:
         """Return further files by their content, such as "readback"."""

@@ -83,7 +83,7 @@ class LiveEstimator:
         if block.starts_recording:
             self._sequential = self._start_estimator()
         self.time = float(block.time[-1])
-        self._sequential.feed(block.track)
+        self._sequential.feed(block.estimator_track)
         self._store_estimates(self._sequential.estimate())
 
     def _store_estimates(self, found: Mapping[str, PartialEstimate]) -> None:

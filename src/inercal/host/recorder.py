@@ -99,7 +99,9 @@ class RunRecorder(Closeable):
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live_estimator = LiveEstimator(run) if self._estimates else None
         whole = all(len(run.sensor.select_axes(kind).axes) == _TRIAD for kind in ("f", "w"))
-        navigates = whole and require_motion_control(run).has_attitude
+        # Without readback there is no attitude of the table to begin from and to compare with.
+        has_attitude = require_motion_control(run).has_attitude
+        navigates = whole and has_attitude and require_turntable(run).readback
         self._new_navigator = lambda: (
             Navigator(run.sensor, require_turntable(run)) if navigates else None
         )

@@ -1,7 +1,7 @@
 """Writes the recording that the run file names from the log of a run.
 
 The columns are those of [data]. The group `bench` has the readings of the table, poll by poll, and
-the quality of the interpolated angles of the samples.
+the quality of the interpolated angles of the samples; of a table without readback it has none.
 """
 
 import os
@@ -174,8 +174,6 @@ def write_recording(
         "protection": layout.protection,
         "log sha256": log_sha256 or file_sha256(log),
         "samples": tally.samples,
-        "samples without angle": tally.samples_without_angle,
-        UNUSABLE_ANGLES: tally.samples_with_unusable_angle,
         POLLS: tally.polls,
         "polls left out": tally.poll_drops,
         IMPLAUSIBLE_POLLS: tally.implausible_polls,
@@ -183,6 +181,12 @@ def write_recording(
         **{f"packets left out: {name}": n for name, n in asdict(tally.drops).items()},
         **(about or {}),
     }
+    reads_angles = bool(readback_columns(run))
+    if reads_angles:
+        told |= {
+            "samples without angle": tally.samples_without_angle,
+            UNUSABLE_ANGLES: tally.samples_with_unusable_angle,
+        }
     table = unpack_states(said)
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
         for name, column in columns.items():
@@ -196,11 +200,12 @@ def write_recording(
             file.attrs[SIMULATION_KEY] = simulation
         group = file.create_group(BENCH_GROUP)
         group.attrs.update(told)
-        group["heard"] = np.array(heard)
-        for name in ("time", "span", "angle", "rate", "following_error"):
-            group[name] = getattr(table, name)
-        for name in AngleQuality._fields:
-            group[name] = np.concatenate([getattr(one, name) for one in blocks])
+        if reads_angles:
+            group["heard"] = np.array(heard)
+            for name in ("time", "span", "angle", "rate", "following_error"):
+                group[name] = getattr(table, name)
+            for name in AngleQuality._fields:
+                group[name] = np.concatenate([getattr(one, name) for one in blocks])
     return path
 
 
@@ -214,7 +219,8 @@ def _recording_columns(
     table = np.concatenate([one.table for one in blocks])
     given = {"f": iter(data.accelerometer), "w": iter(data.gyro)}
     names = [next(given[axis.measures]) for axis in run.sensor.axes]
-    of_table = [readback_columns(run)[name] for name in control.readback(run.bench)]
+    recorded = readback_columns(run)
+    of_table = [recorded[name] for name in control.readback(run.bench) if name in recorded]
     columns: dict[str, NDArray[Any]] = {
         str(data.time): np.concatenate([one.time for one in blocks]),
         **{str(name): output[:, k] for k, name in enumerate(names)},

@@ -32,7 +32,7 @@ def require_used_keys(
     steps: Sequence[Step],
     qualified: Sequence[str] = (),
 ) -> None:
-    """Refuse keys of [bench] and [sensor] that change no result of the method.
+    """Refuse keys of [bench], [data] and [sensor] that change no result of the method.
 
     Parameters
     ----------
@@ -56,12 +56,14 @@ def require_used_keys(
         means=schema.data.kind == "means",
         rest=chosen.follows_rest,
         angles=not chosen.without_angles,
+        qualified=tuple(qualified),
     )
     stated = schema.bench.gravity is not None or schema.bench.latitude is not None
     if not (stated or chosen.follows_rest):
         raise InputError(f"[bench]: {MISSING_GRAVITY}", key="[bench]")
-    sections: dict[str, BenchSection | ReadoutSection | None] = {
+    sections: dict[str, BenchSection | DataSection | ReadoutSection | None] = {
         "bench": schema.bench,
+        "data": schema.data,
         "sensor.accelerometer": schema.sensor.accelerometer,
         "sensor.gyro": schema.sensor.gyro,
     }

@@ -73,6 +73,8 @@ class Turntable:
         What qualifications found: attitudes and readback are corrected by the values.
     place : Measured or None
         The latitude with its uncertainty, rad, for methods that count it; None is exact.
+    readback : bool
+        Whether the angles of the axes are read; otherwise recordings have none.
 
     Raises
     ------
@@ -98,6 +100,7 @@ class Turntable:
     limits: tuple[AxisMotionLimits, ...] = _DEFAULT_LIMITS
     qualified: QualifiedParameters = NOT_QUALIFIED
     place: Measured | None = None
+    readback: bool = True
 
     def __post_init__(self) -> None:
         k = len(self.axes)

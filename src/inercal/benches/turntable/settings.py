@@ -25,6 +25,8 @@ from inercal.section_settings import (
 _WIDEST_AZIMUTH = 0.0873  # rad
 _LONGEST_LEVER = 1.0  # m
 HOLD_COLUMN = "hold"  # of the readback: numbers of the holds
+_ANGLE_KEYS = ("azimuth", "lean", "square", "harmonics", "noise", "latency", "clock")
+_READBACK_KEYS = ("table", "table_unit", "table_file", "table_time", "table_time_unit", "hold")
 
 
 @add_bench_keys(Turntable, after={"harmonics": "square", "lever": "clock"})
@@ -32,6 +34,11 @@ class TurntableSection(BenchSection):
     """[bench]: a turntable of one to three axes."""
 
     kind: Literal["turntable"]
+    readback: bool = Field(
+        True,
+        description="whether the angles of the axes are read; recordings then hold them",
+        json_schema_extra=PLANNING,
+    )
     axes: str = Field("zxy", description="body axes that the axes turn about, outermost first")
     azimuth: str = "0 ° ± 0.1 °"
     harmonics: tuple[str, ...] = ("2 ″", "1 ″")
@@ -50,8 +57,22 @@ class TurntableSection(BenchSection):
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that change no result in this use, each with the reason."""
         if not use.angles:
-            keys = ("azimuth", "lean", "square", "harmonics", "noise", "latency", "clock")
-            return dict.fromkeys(keys, f"{use.method} uses no angle of the table")
+            angles = tuple(key for key in _ANGLE_KEYS if key in use.qualified)
+            if angles and not self.readback:
+                raise key_error(
+                    "[bench] qualification",
+                    f"it states {', '.join(angles)} in place of keys, and with readback = false "
+                    "no result depends on these; remove the file that states them",
+                    names=angles,
+                )
+            return dict.fromkeys(_ANGLE_KEYS, f"{use.method} uses no angle of the table")
+        if not self.readback:
+            raise key_error(
+                "[bench] readback",
+                f"method {use.method} uses the angles of the table, and readback = false states "
+                "that there are none; choose method systematic, or remove readback",
+                names=(use.method,),
+            )
         if self.latitude is not None:
             si_value(self.latitude, "°", "[bench] latitude")  # refuses an uncertainty
         return {}
@@ -106,7 +127,7 @@ class TurntableData(DataSection):
         InputError
             Another number of columns than axes, or no unit of angles.
         """
-        if isinstance(bench, StillTable):
+        if isinstance(bench, StillTable) or not bench.readback:
             return ()
         columns = self.table or bench.names
         if len(columns) != len(bench.names):
@@ -124,6 +145,12 @@ class TurntableData(DataSection):
         if self.hold is not None:
             found.append(ReadbackColumn(HOLD_COLUMN, str(self.hold), 1.0))
         return tuple(found)
+
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
+        """Return the keys of the readback, where the method uses no angle."""
+        if use.angles:
+            return {}
+        return dict.fromkeys(_READBACK_KEYS, f"{use.method} uses no angle of the table")
 
     def further_files(self) -> dict[str, str]:
         """Return the file of the readback, if it has its own."""
@@ -160,6 +187,7 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
         place=place,
         azimuth=azimuth,
         axes=section.axes,
+        readback=section.readback,
         harmonics=section_harmonics(section, "harmonics"),
         lever=(x, y, z),
         limits=_limits(section),

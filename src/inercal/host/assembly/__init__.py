@@ -50,9 +50,10 @@ class SampleBlock(NamedTuple):
     reading : (n, m) array
         The same in SI.
     angle_output : (n, k) array
-        The readback in units of its columns: angles, or rates of a table of rates.
+        The readback in units of its columns: angles, or rates of a table of rates. No columns of
+        a table whose angles are not recorded.
     angles : (n, k) array
-        The same in rad, or rad/s.
+        The same in rad, or rad/s; what the driver reports where it is not recorded.
     hold : (n,) array of int
         Number of the hold; −1 elsewhere.
     temperature : (n,) array
@@ -78,8 +79,15 @@ class SampleBlock(NamedTuple):
     starts_recording: bool
 
     @property
+    def estimator_track(self) -> Track:
+        """What a sequential estimator follows: without angles where none are recorded."""
+        if self.angle_output.shape[-1]:
+            return self.track
+        return Track(self.time, self.reading, self.angle_output, self.hold)
+
+    @property
     def track(self) -> Track:
-        """What a sequential estimator follows."""
+        """The samples with the angles that the driver reports."""
         quality = AngleQuality(self.noise_gain, self.interpolation_sd)
         return Track(self.time, self.reading, self.angles, self.hold, angle_quality=quality)
 
@@ -155,7 +163,9 @@ class SampleAssembler:
         self._sections = SectionTimeline(self._settling)
         # SI size of a unit of each axis' column in the recording; negative reverses.
         sizes = readback_units(run)
-        self._units = np.array([sizes[name] for name in control.readback(bench)])
+        names = [name for name in control.readback(bench) if name in sizes]
+        self._units = np.array([sizes[name] for name in names])
+        self._records_angles = bool(names)
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
         self._start_recording()
@@ -277,6 +287,8 @@ class SampleAssembler:
         late = table >= self._sections.start
         angles, quality, there = self._table.readback(table)
         self._table.discard_old(float(table[-1]))
+        if not self._records_angles:  # a sample counts whether or not the table was read
+            angles[~there], there = np.nan, np.ones_like(there)
         self._no_angle += int(np.sum(late & ~there))
         kept = late & there
         if not kept.any():
@@ -288,15 +300,16 @@ class SampleAssembler:
         if self._first_tick is None:
             self._first_tick = float(samples.ticks[0])
         self._count += table.size
-        self._unusable += int(np.sum(np.isinf(quality.interpolation_sd)))
-        said = angles / self._units
+        if self._records_angles:
+            self._unusable += int(np.sum(np.isinf(quality.interpolation_sd)))
+        said = angles / self._units if self._records_angles else np.zeros((table.size, 0))
         time = (samples.ticks - self._first_tick) / imu.per_second
         return SampleBlock(
             time,
             samples.output,
             self.sensor.to_si(samples.output),
             said,
-            said * self._units,
+            said * self._units if self._records_angles else angles,
             self._hold_numbers(table, time),
             samples.temperature,
             table,

@@ -57,7 +57,9 @@ class RunTelemetry:
         self.publish_events()
         recorder = run.recorder
         while recorder.blocks:
-            self._angles = recorder.blocks.popleft().angles[-1]
+            angles = recorder.blocks.popleft().angles[-1]
+            if np.isfinite(angles).all():
+                self._angles = angles
         received = recorder.assembly.take_received()
         if received is not None:
             for kind, stream in self._streams.items():

@@ -26,8 +26,8 @@ from inercal.methods.systematic.navigation import ImuModel, earth_rate, integrat
 from inercal.methods.systematic.segments import Segments
 from inercal.sensors import Sensor
 
-# Of the forces: 0.4° of a navigation-grade IMU, 8° where scale factors are off by 2 %, and 130 to
-# 180° of a wrong axis
+# Of the forces: 0.4° of a navigation-grade IMU, 3 to 7° where scale factors are off by 1 % and axes
+# by 0.5°, 7 to 14° of twice that, and 86 to 180° of a wrong axis or unit
 MAX_DISAGREEMENT = radians(20)
 MAX_LATITUDE = radians(85)  # beyond, the Earth's rate has too small a level part
 _REPEATED = 3

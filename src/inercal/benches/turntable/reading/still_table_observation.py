@@ -37,7 +37,6 @@ _SETTLING = 1.0  # s
 _SHORTEST = 5.0  # s
 _MIN_RESTS = 6
 _NEAR = cos(radians(10))  # of a rest's up to that of the plan
-_READBACK_KEYS = ("table", "table_file", "table_time", "hold")
 
 
 def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
@@ -46,7 +45,7 @@ def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
     Raises
     ------
     InputError
-        Keys of a readback, means or marks; noise that is not stated; a recording that is clipped,
+        Means or marks; noise that is not stated; a recording that is clipped,
         that begins or ends in a turn, that has a gap in a turn, or fewer than six rests.
     """
     _require_samples(run)
@@ -106,11 +105,8 @@ def _require_samples(run: Source[TurntableData]) -> None:
         )
     unused = ["seconds"] if run.data.seconds is not None else []
     unused += ["marks"] if run.data.marks != "found" else []
-    stated = [key for key in (*_READBACK_KEYS, "table_unit", "table_time_unit")
-              if key in run.data.model_fields_set]  # fmt: skip
-    if unused or stated:
-        key = (*unused, *stated)[0]
-        reason = "finds rests in the gyros" if unused else "uses no angle of the table"
+    if unused:
+        key, reason = unused[0], "finds rests in the gyros"
         raise key_error(
             f"[data] {key}", f"method {run.method.name} {reason}; remove {key}", run.path
         )
