@@ -20,8 +20,12 @@ from inercal.drafts.column_values import (
     has_even_steps,
     never_falls,
     value_reason,
+    why_not_gyros,
 )
 from inercal.io.column_table import Table
+
+NO_GYROS = "no gyros"
+"""Key of the reason why columns that look like gyros are not used."""
 
 _TABLE = ("outer", "middle", "inner")
 _ATTITUDE = ("psi", "theta")
@@ -174,3 +178,5 @@ def _judge_unknown(
         found = gyros_by_values(table, free, accelerometers, need_turns=table.header)
         if found is not None:
             triads["gyro"], reasons["gyro"] = in_axis_order(found), value_reason("gyro")
+        elif why := why_not_gyros(table, free, accelerometers):
+            reasons[NO_GYROS] = why

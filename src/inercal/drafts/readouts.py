@@ -1,13 +1,22 @@
 """Unit, scale factor and offset of each triad, by what gravity and turns between rests show."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.recording import Indices
-from inercal.segments.gravity_turns import rotations, sphere, sum_rates, turn_misfits
+from inercal.segments.gravity_turns import (
+    GravityTurns,
+    explain,
+    find_agreements,
+    rotations,
+    sphere,
+    sum_rates,
+    turn_misfits,
+)
 from inercal.sensors import G0
 
 _ACCELEROMETER_UNITS = {"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0}
@@ -281,6 +290,25 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
     The angle by which gravity turns in the case between two rests must follow from the gyros:
     f₂ = Rᵀ(s) f₁ with the product R of the rotations s·ω of all samples.
     """
+    turns = turns_of_readings(rests, gyro, offset)
+    if turns is None:
+        return None, 0, 0.0
+    first, second, swept = turns
+
+    def best(scales: Array) -> tuple[int, float]:
+        misfits = [_misfit(first, second, scale * swept) for scale in scales]
+        return int(np.argmin(misfits)), min(misfits)
+
+    grid = _likely_scales(swept, 240)
+    k, _ = best(grid)
+    low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
+    near = np.geomspace(low, high, 25)
+    k, misfit = best(near)
+    return (None, 0, 0.0) if misfit > _MOST_MISFIT else (float(near[k]), len(swept), misfit)
+
+
+def turns_of_readings(rests: QuietMeans, gyro: Array, offset: float) -> GravityTurns | None:
+    """Return the turns between rests by which gravity turns far; angles in counts times samples."""
     centre, _ = sphere(rests.force)
     force = rests.force - (offset if centre is None else centre)
     unit = force / np.linalg.norm(force, axis=-1, keepdims=True)
@@ -289,28 +317,32 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
     between = np.arccos(np.clip((unit[:-1] * unit[1:]).sum(axis=-1), -1, 1))
     chosen = np.flatnonzero((between > _ANGLES[0]) & (between < _ANGLES[1]))
     if not chosen.size:
-        return None, 0, 0.0
+        return None
     chosen = chosen[:: -(-len(chosen) // _MOST_TURNS)]
     bias = 0.5 * (rests.rate[chosen] + rests.rate[chosen + 1])
-    swept = np.stack(
-        [
-            sum_rates(gyro[middles[k] : middles[k + 1]] - b, _TURN_SAMPLES)
-            for k, b in zip(chosen, bias, strict=True)
-        ]
-    )
-    first, second = unit[chosen], unit[chosen + 1]
+    swept = [
+        sum_rates(gyro[middles[k] : middles[k + 1]] - b, _TURN_SAMPLES)
+        for k, b in zip(chosen, bias, strict=True)
+    ]
+    return GravityTurns(unit[chosen], unit[chosen + 1], np.stack(swept))
 
-    def best(scales: Array) -> tuple[int, float]:
-        misfits = [_misfit(first, second, scale * swept) for scale in scales]
-        return int(np.argmin(misfits)), min(misfits)
 
+def _likely_scales(swept: Array, count: int) -> Array:
+    """Return scales by which the typical turn is between far too small and far too large."""
     typical = float(np.median(np.linalg.norm(np.abs(swept).sum(axis=1), axis=-1)))
-    grid = np.geomspace(0.2, 8.0, 240) / typical
-    k, _ = best(grid)
-    low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
-    near = np.geomspace(low, high, 25)
-    k, misfit = best(near)
-    return (None, 0, 0.0) if misfit > _MOST_MISFIT else (float(near[k]), len(chosen), misfit)
+    return np.geomspace(0.2, 8.0, count) / typical
+
+
+def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
+    """Return by which exchanged or reversed axes turns agree with gravity at any scale, in words.
+
+    As `inercal.segments.gravity_turns.explain` names axes; nothing where no single one agrees.
+    """
+    if len(turns.angles) < _FEWEST_TURNS or not turns.angles.any():
+        return ()
+    found = find_agreements(turns, _likely_scales(turns.angles, 60).tolist())
+    matrices = {one.matrix for one in found}
+    return explain(replace(found[0], factor=1.0)) if len(matrices) == 1 else ()
 
 
 def _misfit(first: Array, second: Array, angles: Array) -> float:

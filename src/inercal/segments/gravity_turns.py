@@ -11,7 +11,8 @@ they agree, and each N has few explanations. All three accelerometers reversed (
 turns between rests cannot show this.
 """
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import permutations, product
@@ -35,6 +36,7 @@ _SPHERE_RESTS = 9  # from which on a sphere's centre is reliable
 _WIDEST = 0.5  # of gravity, a bias
 _UNITS = (180 / np.pi, np.pi / 180)
 _NAMES = "xyz"
+_AXIS = re.compile(r"\b[ag][xyz]\b")
 
 
 class GravityTurns(NamedTuple):
@@ -248,14 +250,10 @@ def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
     return TurnVerdict(len(read), False, len(found) == 1, found[0].misfit, texts, different)
 
 
-def explain(found: TurnAgreement, names: Sequence[str] = ("a", "g")) -> tuple[str, ...]:
+def explain(found: TurnAgreement) -> tuple[str, ...]:
     """Return the simplest changes of axes and unit by which the turns agree, in words.
 
-    Parameters
-    ----------
-    found : TurnAgreement
-    names : sequence of 2 str
-        Of an accelerometer and of a gyro, to which x, y or z is added.
+    Axes are named ax to gz.
     """
     unit = {_UNITS[1]: "the gyros' unit is °/s", _UNITS[0]: "the gyros' unit is rad/s"}
     stated = unit.get(found.factor, "")
@@ -268,13 +266,17 @@ def explain(found: TurnAgreement, names: Sequence[str] = ("a", "g")) -> tuple[st
             "all gyros are reversed",
         ]
     else:
-        gyro, force = names[1], names[0]
-        options = [(n, gyro)]
+        options = [(n, "g")]
         if round(float(np.linalg.det(n))) == 1:
-            options += [(-n.T, force), (n.T, force)]
+            options += [(-n.T, "a"), (n.T, "a")]
         least = min(_changes(matrix) for matrix, _ in options)
         texts = [_change_text(m, name) for m, name in options if _changes(m) == least]
     return tuple(f"{text} and {stated}" if stated else text for text in texts)
+
+
+def name_columns(change: str, columns: Mapping[str, str]) -> str:
+    """Return a change in words with other words for the axes, by their names such as "gz"."""
+    return _AXIS.sub(lambda found: columns.get(found[0], found[0]), change)
 
 
 def _changes(matrix: Array) -> int:

@@ -1,6 +1,5 @@
 """Refusal of columns that are exchanged, reversed or in another unit, by turns between rests."""
 
-import re
 from collections.abc import Sequence
 from math import degrees
 
@@ -8,9 +7,13 @@ from inercal.data import RestsSection, Source
 from inercal.data.recording_loader import unsigned_column
 from inercal.errors import InputError
 from inercal.recording import Finding, Mark, Recording
-from inercal.segments.gravity_turns import TurnVerdict, judge_turns, read_gravity_turns
+from inercal.segments.gravity_turns import (
+    TurnVerdict,
+    judge_turns,
+    name_columns,
+    read_gravity_turns,
+)
 
-_AXIS = re.compile(r"\b[ag][xyz]\b")
 _FEWEST_DIFFERENT = 2  # turns that disagree, of a refusal: one may be a bump
 _BY_READINGS = "the positions were identified by the axis that reads gravity"
 _UNKNOWN = (
@@ -59,15 +62,12 @@ def check_axes(
 
 def _with_columns(change: str, run: Source[RestsSection]) -> str:
     """Return a change in words with the column of each axis that it names."""
-    columns: dict[str, str | int] = {}
+    columns: dict[str, str] = {}
     for letter, names in (("a", run.data.accelerometer), ("g", run.data.gyro)):
-        columns |= {f"{letter}{axis}": name for axis, name in zip("xyz", names, strict=False)}
-
-    def named(found: re.Match[str]) -> str:
-        column = columns.get(found[0])
-        return found[0] if column is None else f"{found[0]} (column {unsigned_column(column)})"
-
-    return _AXIS.sub(named, change)
+        for axis, column in zip("xyz", names, strict=False):
+            name = f"{letter}{axis}"
+            columns[name] = f"{name} (column {unsigned_column(column)})"
+    return name_columns(change, columns)
 
 
 def _advice(changes: Sequence[str]) -> str:
