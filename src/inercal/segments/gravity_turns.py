@@ -27,6 +27,8 @@ from inercal.segments.attitudes import transitions_between_rests
 from inercal.sensors import Sensor
 
 DIFFERENT = np.deg2rad(25)  # misfit of a turn: scale and bias errors of a plain sensor are less
+_FEWEST_DIFFERENT = 2
+_OPPOSITE = np.deg2rad(120)  # misfit of a turn in the other sense
 _MOST_TURNS = 40
 _MOST_SECONDS = 60.0  # between two rests: a bias may change meanwhile
 _TURN_SAMPLES = 1024  # a power of two
@@ -218,8 +220,8 @@ class TurnVerdict(NamedTuple):
         Median of it, rad.
     changes : tuple of str
         What would make them agree, in words: "az is reversed".
-    different : int
-        Turns that disagree as recorded.
+    clear : bool
+        Whether a bump cannot explain that they disagree: two turns do, or one in its sense.
     """
 
     turns: int
@@ -227,7 +229,7 @@ class TurnVerdict(NamedTuple):
     unique: bool
     misfit: float
     changes: tuple[str, ...] = ()
-    different: int = 0
+    clear: bool = False
 
 
 def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
@@ -246,8 +248,8 @@ def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
         return nothing
     texts = tuple(dict.fromkeys(text for one in found for text in explain(one)))
     read = turn_misfits(turns.before, turns.after, rotations(turns.angles))
-    different = int((read > DIFFERENT).sum())
-    return TurnVerdict(len(read), False, len(found) == 1, found[0].misfit, texts, different)
+    clear = int((read > DIFFERENT).sum()) >= _FEWEST_DIFFERENT or float(read.max()) > _OPPOSITE
+    return TurnVerdict(len(read), False, len(found) == 1, found[0].misfit, texts, clear)
 
 
 def explain(found: TurnAgreement) -> tuple[str, ...]:

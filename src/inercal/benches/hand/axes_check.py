@@ -14,7 +14,6 @@ from inercal.segments.gravity_turns import (
     read_gravity_turns,
 )
 
-_FEWEST_DIFFERENT = 2  # turns that disagree, of a refusal: one may be a bump
 _BY_READINGS = "the positions were identified by the axis that reads gravity"
 _UNKNOWN = (
     f"{_BY_READINGS}: exchanged columns and reversed axes cannot be detected, because no turns "
@@ -50,7 +49,7 @@ def check_axes(
         f"{found.turns} turns between rests do not agree with gravity as recorded; they agree only "
         f"if {changes}: {_advice(found.changes)}"
     )
-    if not found.unique or found.different < _FEWEST_DIFFERENT:
+    if not (found.unique and found.clear):
         return found, (Finding("warning", "axes", text),)
     raise InputError(
         f"{recording.source or run.data.file}: {text}",
