@@ -19,8 +19,8 @@ from inercal.drafts.column_values import (
     gyros_by_values,
     has_even_steps,
     never_falls,
+    reason_without_gyros,
     value_reason,
-    why_not_gyros,
 )
 from inercal.io.column_table import Table
 
@@ -178,5 +178,5 @@ def _judge_unknown(
         found = gyros_by_values(table, free, accelerometers, need_turns=table.header)
         if found is not None:
             triads["gyro"], reasons["gyro"] = in_axis_order(found), value_reason("gyro")
-        elif why := why_not_gyros(table, free, accelerometers):
+        elif why := reason_without_gyros(table, free, accelerometers):
             reasons[NO_GYROS] = why

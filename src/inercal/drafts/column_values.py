@@ -117,7 +117,7 @@ def gyros_by_values(
     return max(moved)[1] if moved else None
 
 
-def why_not_gyros(table: Table, names: Sequence[str], accelerometers: Sequence[str]) -> str:
+def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Sequence[str]) -> str:
     """Return why columns that read the same in all attitudes are no gyros; "" where none do."""
     force = _stacked(table, accelerometers)
     triples = _neighbours(table, names)

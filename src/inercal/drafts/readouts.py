@@ -10,12 +10,12 @@ from inercal.arrays import Array
 from inercal.recording import Indices
 from inercal.segments.gravity_turns import (
     GravityTurns,
-    explain,
-    find_agreements,
+    describe_changes,
+    find_matching_axes,
     rotations,
     sphere,
     sum_rates,
-    turn_misfits,
+    turn_differences,
 )
 from inercal.sensors import G0
 
@@ -336,18 +336,18 @@ def _likely_scales(swept: Array, count: int) -> Array:
 def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
     """Return by which exchanged or reversed axes turns agree with gravity at any scale, in words.
 
-    As `inercal.segments.gravity_turns.explain` names axes; nothing where no single one agrees.
+    Axes are named ax to gz; nothing where no single change agrees.
     """
     if len(turns.angles) < _FEWEST_TURNS or not turns.angles.any():
         return ()
-    found = find_agreements(turns, _likely_scales(turns.angles, 60).tolist())
+    found = find_matching_axes(turns, _likely_scales(turns.angles, 60).tolist())
     matrices = {one.matrix for one in found}
-    return explain(replace(found[0], factor=1.0)) if len(matrices) == 1 else ()
+    return describe_changes(replace(found[0], factor=1.0)) if len(matrices) == 1 else ()
 
 
 def _misfit(first: Array, second: Array, angles: Array) -> float:
     """Return the median angle between predicted and measured gravity, rad."""
-    return float(np.median(turn_misfits(first, second, rotations(angles))))
+    return float(np.median(turn_differences(first, second, rotations(angles))))
 
 
 def white_noise(data: Array, rests: QuietMeans, size: float, dt: float) -> float:

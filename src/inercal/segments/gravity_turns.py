@@ -163,7 +163,7 @@ def rotations(angles: Array) -> Array:
     return np.asarray(turned[:, 0], dtype=float)
 
 
-def turn_misfits(before: Array, after: Array, turned: Array) -> Array:
+def turn_differences(before: Array, after: Array, turned: Array) -> Array:
     """Return the angle between predicted and measured gravity of each turn, (k,) rad."""
     predicted = np.einsum("kji,kj->ki", turned, before)
     cosine = np.clip((predicted * after).sum(axis=-1), -1, 1)
@@ -181,7 +181,9 @@ def _permutations() -> tuple[tuple[tuple[int, ...], ...], ...]:
     return tuple(found)
 
 
-def find_agreements(turns: GravityTurns, factors: Iterable[float] = (1.0,)) -> list[TurnAgreement]:
+def find_matching_axes(
+    turns: GravityTurns, factors: Iterable[float] = (1.0,)
+) -> list[TurnAgreement]:
     """Return all by which the turns agree with gravity, best first.
 
     Parameters
@@ -200,7 +202,7 @@ def find_agreements(turns: GravityTurns, factors: Iterable[float] = (1.0,)) -> l
             # The rotation by N ω is that by det(N) ω, seen in axes that N turns.
             proper = sign * n
             turned = proper @ ways[sign] @ proper.T
-            misfits = turn_misfits(turns.before, turns.after, turned)
+            misfits = turn_differences(turns.before, turns.after, turned)
             if (misfits > DIFFERENT).sum() <= allowed:
                 found.append(TurnAgreement(matrix, factor, float(np.median(misfits))))
     return sorted(found, key=lambda one: one.misfit)
@@ -237,22 +239,22 @@ def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
     nothing = TurnVerdict(0 if turns is None else len(turns.before), None, False, 0.0)
     if turns is None or len(turns.before) < _FEWEST_TURNS:
         return nothing
-    found = find_agreements(turns)
+    found = find_matching_axes(turns)
     plain = next((one for one in found if one.as_recorded), None)
     if plain is not None:
         return TurnVerdict(len(turns.before), True, len(found) == 1, plain.misfit)
     if not found:
-        found = find_agreements(turns, _UNITS)
+        found = find_matching_axes(turns, _UNITS)
         found = [one for one in found if one.as_recorded] or found
     if not found:
         return nothing
-    texts = tuple(dict.fromkeys(text for one in found for text in explain(one)))
-    read = turn_misfits(turns.before, turns.after, rotations(turns.angles))
+    texts = tuple(dict.fromkeys(text for one in found for text in describe_changes(one)))
+    read = turn_differences(turns.before, turns.after, rotations(turns.angles))
     clear = int((read > DIFFERENT).sum()) >= _FEWEST_DIFFERENT or float(read.max()) > _OPPOSITE
     return TurnVerdict(len(read), False, len(found) == 1, found[0].misfit, texts, clear)
 
 
-def explain(found: TurnAgreement) -> tuple[str, ...]:
+def describe_changes(found: TurnAgreement) -> tuple[str, ...]:
     """Return the simplest changes of axes and unit by which the turns agree, in words.
 
     Axes are named ax to gz.
