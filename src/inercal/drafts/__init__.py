@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.drafts.column_roles import ColumnRoles, recognise_columns
+from inercal.drafts.column_roles import NO_GYROS, ColumnRoles, recognise_columns
 from inercal.drafts.draft_entries import UNKNOWN, DraftKey, run_file_text
 from inercal.drafts.draft_sections import (
     bench_keys,
@@ -28,6 +28,7 @@ from inercal.drafts.draft_sections import (
     suggest_rate,
     unused_columns,
 )
+from inercal.drafts.finite_rows import finite_rows, require_finite_rows
 from inercal.drafts.method_trials import Candidate, MethodTrial, candidate_methods, try_methods
 from inercal.drafts.readouts import QuietMeans
 from inercal.drafts.stated_keys import stated_columns, stated_gyros, stated_values
@@ -165,7 +166,8 @@ def draft_run_file(
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
-    seen = (*seen, *unused_columns(table, entries))
+    why_unused = (roles.reasons[NO_GYROS],) if NO_GYROS in roles.reasons else ()
+    seen = (*seen, *unused_columns(table, entries), *why_unused)
     found = Draft(path, entries, trials, seen, roles, rests, time, readings)
     if found.method is None:
         by_reason: dict[str, list[str]] = {}
@@ -189,7 +191,15 @@ def _recognise(
     """Return the table, that of the gyros where it is another, and the roles of their columns."""
     table = _read(logs[0])
     stated = stated_columns(values, table, second_file=len(logs) > 1)
-    roles = recognise_columns(table, detect_reader(logs[0]).name, stated)
+    alone = len(logs) == 1
+    numbers = finite_rows(table) if alone else table
+    roles = recognise_columns(numbers, detect_reader(logs[0]).name, stated)
+    used = [column for triad in roles.triads.values() for column in triad]
+    used += [roles.single["time"]] if "time" in roles.single else []
+    if alone and values.get("data.nonfinite") == "drop":
+        table = finite_rows(table, used)
+    elif alone:
+        require_finite_rows(logs[0], table, used)
     gyros = _second_table(logs, table, roles, values)
     if gyros is None:
         return table, None, roles

@@ -19,9 +19,13 @@ from inercal.drafts.column_values import (
     gyros_by_values,
     has_even_steps,
     never_falls,
+    reason_without_gyros,
     value_reason,
 )
 from inercal.io.column_table import Table
+
+NO_GYROS = "no gyros"
+"""Key of the reason why columns that look like gyros are not used."""
 
 _TABLE = ("outer", "middle", "inner")
 _ATTITUDE = ("psi", "theta")
@@ -174,3 +178,5 @@ def _judge_unknown(
         found = gyros_by_values(table, free, accelerometers, need_turns=table.header)
         if found is not None:
             triads["gyro"], reasons["gyro"] = in_axis_order(found), value_reason("gyro")
+        elif why := reason_without_gyros(table, free, accelerometers):
+            reasons[NO_GYROS] = why

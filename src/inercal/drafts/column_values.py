@@ -10,19 +10,24 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.drafts.readouts import (
+    axis_changes,
     find_quiet_sections,
     gyro_scale,
     norm_misfit,
     rest_means,
+    turns_of_readings,
 )
 from inercal.io.column_table import Table
 from inercal.io.time_stamps import is_iso_time
 from inercal.recording import Indices
+from inercal.segments.gravity_turns import name_columns
 
 FEWEST_SAMPLES = 500
 """Of a recording; fewer rows are means."""
 
 _AXES = 3
+_NAMES = ("ax", "ay", "az", "gx", "gy", "gz")
+_MOVED = 20.0  # of the scatter at rest: the range of a gyro between rests
 _EVEN_STEPS = 0.5  # of the median step: largest 90 % deviation of steps of a clock
 _WINDOW = 50  # samples of a rest
 _FEWEST_RESTS = 4
@@ -110,6 +115,42 @@ def gyros_by_values(
     if found or need_turns:
         return min(found)[1] if found else None
     return max(moved)[1] if moved else None
+
+
+def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Sequence[str]) -> str:
+    """Return why columns that read the same in all attitudes are no gyros; "" where none do."""
+    force = _stacked(table, accelerometers)
+    triples = _neighbours(table, names)
+    if not triples and len(names) == _AXES - 1 and _moves_alike(table, names, force):
+        return f"{' and '.join(names)} look like gyros, but a third is missing"
+    for triple in triples:
+        if not _moves_alike(table, triple, force):
+            continue
+        data = _stacked(table, triple)
+        spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
+        turns = turns_of_readings(rest_means(spans, force, data), data, 0.0)
+        if turns is None:
+            continue
+        columns: dict[str, str] = dict(zip(_NAMES, (*accelerometers, *triple), strict=True))
+        changes = [name_columns(one, columns) for one in axis_changes(turns)]
+        first, last = triple[0], triple[-1]
+        text = (
+            f"{first} to {last} look like gyros, but {len(turns.angles)} turns between rests do "
+            "not agree with gravity"
+        )
+        return text + f"; they agree if {', or if '.join(changes)}" * bool(changes)
+    return ""
+
+
+def _moves_alike(table: Table, names: Sequence[str], force: Array) -> bool:
+    """Return whether columns read the same at all rests, and all of them move between."""
+    data = _stacked(table, names)
+    spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
+    reach = _reach(data)
+    if len(spans) < _FEWEST_RESTS or not reach:
+        return False
+    means = rest_means(spans, data, None).force
+    return bool(np.ptp(means, axis=0).max() <= _SPREAD * reach) and _motion(data, spans) > _MOVED
 
 
 def aligned_triads(

@@ -1,13 +1,22 @@
 """Unit, scale factor and offset of each triad, by what gravity and turns between rests show."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.frames import exp_so3
 from inercal.recording import Indices
+from inercal.segments.gravity_turns import (
+    GravityTurns,
+    describe_changes,
+    find_matching_axes,
+    rotations,
+    sphere,
+    sum_rates,
+    turn_differences,
+)
 from inercal.sensors import G0
 
 _ACCELEROMETER_UNITS = {"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0}
@@ -105,7 +114,7 @@ def rest_means(sections: Indices, force: Array, rate: Array | None) -> QuietMean
 
 def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     """Return the accelerometers' readout by the size of gravity in means at rest, (k, 3)."""
-    centre, radius = _sphere(means)
+    centre, radius = sphere(means)
     named = _ACCELEROMETER_UNITS.get(stated or "")
     if named is not None and stated is not None:
         return GuessedReadout(
@@ -176,27 +185,12 @@ def _counts_per_g(plain: float, reason: str) -> GuessedReadout:
     return GuessedReadout("LSB", f"{plain:.4g} LSB/g", 0.0, G0 / float(f"{plain:.4g}"), text)
 
 
-def _sphere(means: Array) -> tuple[Array | None, float | None]:
-    """Return centre and radius of the sphere of readings; nothing where they do not span it."""
-    if len(means) < 6:
-        return None, None
-    scale = float(np.abs(means).max()) or 1.0
-    x = means / scale
-    design = np.column_stack([2 * x, np.ones(len(x))])
-    u, values, v = np.linalg.svd(design, full_matrices=False)
-    if values[-1] < 1e-4 * values[0]:
-        return None, None
-    solution: Array = v.T @ ((u.T @ (x**2).sum(axis=-1)) / values)
-    squared = float(solution[3] + (solution[:3] ** 2).sum())
-    return (solution[:3] * scale, np.sqrt(squared) * scale) if squared > 0 else (None, None)
-
-
 def norm_misfit(means: Array) -> float:
     """Return the scatter of the norms of readings at rest, (k, 3), about their sphere's centre.
 
     Relative to the radius; about zero where the attitudes do not span a sphere.
     """
-    centre, radius = _sphere(means)
+    centre, radius = sphere(means)
     if radius is not None and radius > _WIDEST * float(np.ptp(means, axis=0).max()):
         return np.inf  # columns of a plane, or nearly so: the centre is far outside
     norms = np.linalg.norm(means - (0.0 if centre is None else centre), axis=-1)
@@ -296,7 +290,26 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
     The angle by which gravity turns in the case between two rests must follow from the gyros:
     f₂ = Rᵀ(s) f₁ with the product R of the rotations s·ω of all samples.
     """
-    centre, _ = _sphere(rests.force)
+    turns = turns_of_readings(rests, gyro, offset)
+    if turns is None:
+        return None, 0, 0.0
+    first, second, swept = turns
+
+    def best(scales: Array) -> tuple[int, float]:
+        misfits = [_misfit(first, second, scale * swept) for scale in scales]
+        return int(np.argmin(misfits)), min(misfits)
+
+    grid = _likely_scales(swept, 240)
+    k, _ = best(grid)
+    low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
+    near = np.geomspace(low, high, 25)
+    k, misfit = best(near)
+    return (None, 0, 0.0) if misfit > _MOST_MISFIT else (float(near[k]), len(swept), misfit)
+
+
+def turns_of_readings(rests: QuietMeans, gyro: Array, offset: float) -> GravityTurns | None:
+    """Return the turns between rests by which gravity turns far; angles in counts times samples."""
+    centre, _ = sphere(rests.force)
     force = rests.force - (offset if centre is None else centre)
     unit = force / np.linalg.norm(force, axis=-1, keepdims=True)
     assert rests.rate is not None
@@ -304,53 +317,37 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
     between = np.arccos(np.clip((unit[:-1] * unit[1:]).sum(axis=-1), -1, 1))
     chosen = np.flatnonzero((between > _ANGLES[0]) & (between < _ANGLES[1]))
     if not chosen.size:
-        return None, 0, 0.0
+        return None
     chosen = chosen[:: -(-len(chosen) // _MOST_TURNS)]
     bias = 0.5 * (rests.rate[chosen] + rests.rate[chosen + 1])
-    swept = np.stack(
-        [_sums(gyro[middles[k] : middles[k + 1]] - b) for k, b in zip(chosen, bias, strict=True)]
-    )
-    first, second = unit[chosen], unit[chosen + 1]
+    swept = [
+        sum_rates(gyro[middles[k] : middles[k + 1]] - b, _TURN_SAMPLES)
+        for k, b in zip(chosen, bias, strict=True)
+    ]
+    return GravityTurns(unit[chosen], unit[chosen + 1], np.stack(swept))
 
-    def best(scales: Array) -> tuple[int, float]:
-        misfits = [_misfit(first, second, scale * swept) for scale in scales]
-        return int(np.argmin(misfits)), min(misfits)
 
+def _likely_scales(swept: Array, count: int) -> Array:
+    """Return scales by which the typical turn is between far too small and far too large."""
     typical = float(np.median(np.linalg.norm(np.abs(swept).sum(axis=1), axis=-1)))
-    grid = np.geomspace(0.2, 8.0, 240) / typical
-    k, _ = best(grid)
-    low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
-    near = np.geomspace(low, high, 25)
-    k, misfit = best(near)
-    return (None, 0, 0.0) if misfit > _MOST_MISFIT else (float(near[k]), len(chosen), misfit)
+    return np.geomspace(0.2, 8.0, count) / typical
 
 
-def _sums(rate: Array) -> Array:
-    """Return sums of neighbouring samples, so few that their rotations still commute, (n, 3)."""
-    edges = np.linspace(0, len(rate), _TURN_SAMPLES + 1).astype(int)[:-1]
-    return np.add.reduceat(rate, edges, axis=0) if len(rate) >= _TURN_SAMPLES else _padded(rate)
+def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
+    """Return by which exchanged or reversed axes turns agree with gravity at any scale, in words.
 
-
-def _padded(rate: Array) -> Array:
-    return np.concatenate([rate, np.zeros((_TURN_SAMPLES - len(rate), rate.shape[1]))])
+    Axes are named ax to gz; nothing where no single change agrees.
+    """
+    if len(turns.angles) < _FEWEST_TURNS or not turns.angles.any():
+        return ()
+    found = find_matching_axes(turns, _likely_scales(turns.angles, 60).tolist())
+    matrices = {one.matrix for one in found}
+    return describe_changes(replace(found[0], factor=1.0)) if len(matrices) == 1 else ()
 
 
 def _misfit(first: Array, second: Array, angles: Array) -> float:
-    """Return the median angle between predicted and measured gravity, rad.
-
-    Parameters
-    ----------
-    first, second : (k, 3) array
-        Unit vectors of gravity in the case, before and after.
-    angles : (k, n, 3) array
-        Rotation vectors in their order, rad; n is a power of two.
-    """
-    turned = exp_so3(angles)
-    while turned.shape[1] > 1:
-        turned = turned[:, ::2] @ turned[:, 1::2]
-    predicted = np.einsum("kji,kj->ki", turned[:, 0], first)
-    cosine = np.clip((predicted * second).sum(axis=-1), -1, 1)
-    return float(np.median(np.arccos(cosine)))
+    """Return the median angle between predicted and measured gravity, rad."""
+    return float(np.median(turn_differences(first, second, rotations(angles))))
 
 
 def white_noise(data: Array, rests: QuietMeans, size: float, dt: float) -> float:

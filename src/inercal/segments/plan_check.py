@@ -163,7 +163,7 @@ def check_against_plan(
         elif len(columns["w"]) == 3:
             bias = sensed.w[holds].mean(axis=0) if holds.any() else np.zeros(3)
             findings += _check_turn(step, (sensed.w[k] - bias) * observations.duration[k])
-            _check_gravity_turns(step, (sensed.f[k] - offset) / gravity)
+            findings += _check_gravity_turns(step, (sensed.f[k] - offset) / gravity)
     return tuple(findings)
 
 
@@ -220,8 +220,11 @@ def _check_turn(step: HandStep, angle: np.ndarray) -> list[Finding]:
     return []
 
 
-def _check_gravity_turns(step: HandStep, f: np.ndarray) -> None:
-    """Refuse a complete turn with a mean force across its axis: f is the mean, (3,) g."""
+def _check_gravity_turns(step: HandStep, f: np.ndarray) -> list[Finding]:
+    """Refuse a complete turn with a mean force across its axis, warn of one whose axis points down.
+
+    f is the mean, (3,) g.
+    """
     assert not isinstance(step, Hold)
     axis = np.array(step.axis)
     across = f - axis * (f @ axis)
@@ -232,6 +235,15 @@ def _check_gravity_turns(step: HandStep, f: np.ndarray) -> None:
             "look for columns of gyros or accelerometers swapped",
             names=(step.label,),
         )
+    if f @ axis < -_MEANT:
+        about = describe_direction(step.axis)
+        message = (
+            f"section {step.label} should turn with {about} up, but the accelerometers read "
+            f"{_vector_text(f)} g on average: the sensor stood on its head (turn it with {about} "
+            "up), or this accelerometer is reversed in [data] accelerometer"
+        )
+        return [Finding("warning", "up", message)]
+    return []
 
 
 def check_turn_ends(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from inercal.benches.hand.axes_check import check_axes, positions_note
 from inercal.benches.hand.bench import Hand
 from inercal.benches.hand.whole_rest import observe_whole_rest
 from inercal.data import EstimatorInput, RestsSection, Source
@@ -48,11 +49,6 @@ from inercal.segments import (
 from inercal.segments.motion_thresholds import WINDOW
 from inercal.sensors import Sensor
 from inercal.units import format_quantity
-
-_BY_READINGS = (
-    "the positions were identified by the axis that reads gravity: exchanged columns and reversed "
-    "axes cannot be detected; hold one known axis up and compare, or state the marks"
-)
 
 
 def observe(run: Source[RestsSection]) -> EstimatorInput:
@@ -172,6 +168,7 @@ def _planned_sections(
     """Return the sections of the plan's steps: marks, means and findings."""
     steps = nominal_plan(run)
     labels, missing = [step.label for step in steps], tuple[Finding, ...]()
+    note = ""
     if run.data.marks == "found" and not run.sensor.select_axes("f").axes:
         raise key_error(
             "[data] marks",
@@ -181,7 +178,8 @@ def _planned_sections(
         )
     if run.data.marks == "found":
         found = find_sections(recording, run.sensor, steps)
-        marks, missing = found.marks, found.findings
+        axes, odd = check_axes(run, recording, found.rests)
+        marks, missing, note = found.marks, found.findings + odd, positions_note(axes)
         if not marks:
             raise InputError(
                 f"{recording.source}: no rest agrees with a position of the plan, "
@@ -200,8 +198,8 @@ def _planned_sections(
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = check_marked_rests(run, recording, [mark for mark in marks if mark.label in holds])
     observations = averaged(recording, run.sensor, marks, steps, found=True, drifting=True)
-    if run.data.marks == "found":
-        observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
+    if note:
+        observations = replace(observations, notes=(*observations.notes, note))
     stated = run.data.model_fields_set & {"gyro", "gyro_file", "gyro_time"}
     if stated and not run.sensor.select_axes("w").axes:
         note = "the gyros are not used: [sensor.gyro], with their unit, is missing"
@@ -234,7 +232,7 @@ def _free_rests(
         marks = stated_marks(run, recording, again=_allows_repeat_visits(run))
         check_marks(marks, recording, [mark.label for mark in marks])
     marks, left_out = valid_marks(recording, run.sensor, marks)
-    findings += check_rests(run, recording, marks)
+    findings += check_rests(run, recording, marks) + check_axes(run, recording, marks)[1]
     observations = averaged(
         recording, run.sensor, marks, holds_from_marks(marks), by_hand=True, found=True
     )
