@@ -14,6 +14,7 @@ from inercal.noise.texts import (
     channel_remarks,
     coefficient_cells,
     disturbance_text,
+    movement_text,
 )
 from inercal.recording import Recording
 from inercal.report.noise_figures import (
@@ -57,10 +58,10 @@ def page(analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | 
         name=Path(analysis.source).name or "recording",
         duration=f"{analysis.duration:.4g}",
         rate=f"{1 / analysis.channels[0].dt:.5g}",
-        tone="good" if good and not disturbed else "care",
-        head=_verdict(good, bool(disturbed)),
+        tone=_tone(analysis, fits=good and not disturbed),
+        head="The sensor was not at rest" if analysis.movement else _verdict(good, bool(disturbed)),
         disturbed=disturbed,
-        remarks=analysis.remarks,
+        remarks=(*_movement(analysis), *analysis.remarks),
         rows=[
             (one.channel, *coefficient_cells(found))
             for one in analysis.channels
@@ -74,6 +75,19 @@ def page(analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | 
         if sheet is None
         else [_sentence(one) for one in (*sheet.all_remarks, *kind_remarks(compared, sheet))],
     )
+
+
+def _tone(analysis: NoiseAnalysis, *, fits: bool) -> str:
+    if analysis.movement:
+        return "bad"
+    return "good" if fits else "care"
+
+
+def _movement(analysis: NoiseAnalysis) -> tuple[str, ...]:
+    """Return that the sensor moved, as the first remark."""
+    if not analysis.movement:
+        return ()
+    return (movement_text(analysis.movement, Path(analysis.source).name),)
 
 
 def _sentence(text: str) -> str:
