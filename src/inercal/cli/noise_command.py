@@ -54,8 +54,8 @@ def run(
         help="Leave a band of frequencies in Hz out of the fit, such as a vibration: 3.5-5.5.",
     ),
     report: bool = typer.Option(False, "--report", help="Write a page with the plots."),
-    section: Path | None = typer.Option(
-        None,
+    run_files: list[Path] = typer.Option(
+        [],
         "--write",
         metavar="RUN_FILE",
         help="Write the noise to \\[sensor.*] of this run file, new or with --force an existing.",
@@ -96,6 +96,7 @@ def run(
     from inercal.cli.outputs import PAGE, check_outputs
 
     _check_choices(method, spacing, to, horizon)
+    section = _only_run_file(run_files)
     bands = [_band(one) for one in skip_band]
     if recording is None:
         of_recording = {
@@ -173,6 +174,19 @@ def run(
     print_written_files(files)
     if entered is not None:
         print(f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}")
+
+
+def _only_run_file(paths: Sequence[Path]) -> Path | None:
+    """Return the run file of --write; refuse two."""
+    from inercal.errors import InputError
+
+    if len(paths) > 1:
+        raise InputError(
+            f"--write is given {len(paths)} times ({', '.join(map(str, paths))}): give one run "
+            "file, and repeat the command for another",
+            key="--write",
+        )
+    return next(iter(paths), None)
 
 
 def _require_rest(

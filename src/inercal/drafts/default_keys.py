@@ -50,7 +50,8 @@ def default_bench_keys(content: Mapping[str, Any], method_name: str) -> tuple[Dr
     for key, info in kind.section.model_fields.items():
         if key in bench or key in unused or info.json_schema_extra == PLANNING:
             continue
-        value: Any = list(info.default) if isinstance(info.default, tuple) else info.default
+        default = cast("object", info.default)
+        value = list(cast("tuple[object, ...]", default)) if isinstance(default, tuple) else default
         if _acts(value):
             meaning = meanings.get(key, info.description or "")
             words = f"{meaning}: " if meaning else ""

@@ -17,7 +17,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
-from inercal.plan import HandStep, Hold
+from inercal.plan import HandStep, Hold, Turn
 from inercal.sensors import Sensor
 
 NOISE_ONLY_NOTE = (
@@ -108,6 +108,16 @@ def not_observed_error(
     plain = tuple(words.partition(" (in units")[0] for words in directions)
     touched = {word for words in plain for word in words.split()}
     named = tuple(name for name in sensor.coefficients if name in touched)
+    turns = [step for step in missing if isinstance(step, Turn)]
+    gyros = set(sensor.select_axes("w").coefficients)
+    if turns and gyros.issuperset(named):
+        axes = ", ".join(dict.fromkeys(name.partition(".")[0] for name in named))
+        return NotObserved(
+            f"not observed: {len(named)} coefficients of {axes}{steps_in_words(turns)}; record "
+            "these turns, or take method multi_position, which needs no turn of a known angle",
+            plain,
+            names=named,
+        )
     return NotObserved(
         f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
         f"{'; '.join(plain)}){steps_in_words(missing)}; record what is missing, choose fewer "

@@ -6,7 +6,6 @@ from pathlib import Path
 from markupsafe import Markup
 
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
-from inercal.noise.cross_checks import slope_bias
 from inercal.noise.data_sheet import DataSheetNoise
 from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
 from inercal.noise.texts import (
@@ -119,12 +118,13 @@ def _view(channel: ChannelNoise, recording: Recording) -> ChannelView:
 
 
 def _slope_bias(channel: ChannelNoise) -> str:
-    """Return by how much slopes read N and B of the fit too large; empty without both."""
-    white, flicker, walk = (channel.value(one) for one in "NBK")
-    if not (white and flicker):
-        return ""
-    bias = slope_bias(white, flicker, walk)
-    return ", ".join(f"{symbol} by {100 * (one - 1):.2g} %" for symbol, one in bias.items())
+    """Return how the readings of slopes differ from the coefficients; empty without any."""
+    texts: list[str] = []
+    for symbol, (value, _) in channel.comparison.get("slopes", {}).items():
+        if reported := channel.value(symbol):
+            ratio = value / reported - 1
+            texts.append(f"{symbol} by {100 * ratio:+.2g} %")
+    return typeset_minus(", ".join(texts))
 
 
 def _comparison(channel: ChannelNoise) -> list[tuple[str, ...]]:
