@@ -133,7 +133,7 @@ def write_log(path: Path, change: Change) -> Path:
     time, data = rest()
     change(time, data[:, :3], data[:, 3:])
     head = "time,ax,ay,az,gx,gy,gz"
-    rows = np.column_stack([time, data])[::10]
+    rows = np.column_stack([time, data])[::4]
     np.savetxt(path, rows, "%.6g", ",", header=head, comments="")
     return path
 
@@ -153,6 +153,7 @@ def test_noise_of_a_sensor_that_moved_is_not_stored(tmp_path: Path, options: tup
     assert [one.name for one in tmp_path.iterdir()] == ["log.csv"]
 
 
+@pytest.mark.slow
 def test_noise_of_a_sensor_that_moved_begins_with_that_it_moved(tmp_path: Path):
     log = write_log(tmp_path / "log.csv", other_face)
     options = (*UNITS, "--report", "--out", tmp_path)
@@ -163,7 +164,7 @@ def test_noise_of_a_sensor_that_moved_begins_with_that_it_moved(tmp_path: Path):
 
 
 def test_a_disturbed_rest_is_stored(tmp_path: Path):
-    log = write_log(tmp_path / "log.csv", burst)
+    log = write_log(tmp_path / "log.csv", knock)
     target = tmp_path / "run.toml"
     done = run_program("noise", log, *UNITS, "--write", target)
     assert done.status == 0, done.error

@@ -5,7 +5,7 @@ all windows; a change of 0.17 g, which gravity makes when it turns by 10°, is m
 drifts and more than a slow tilt of a bench. (b) Gyros: the sensor turns by 10° within a window of
 5 s, or the median rate changes by as much (2 °/s) within two windows. A bias drifts more slowly, so
 that a temperature ramp passes whatever its size. Medians and integrals let knocks and bursts pass:
-a vibration has a large rate and a small angle.
+a vibration has a large rate and a small angle, unless the samples alias it to a slow swing.
 """
 
 from typing import NamedTuple
