@@ -24,6 +24,7 @@ NOISE_ONLY_NOTE = (
     "the uncertainties include the noise of the means alone: the bench is taken as exact"
 )
 OBSERVABILITY_LIMIT = 0.1  # of the natural size
+_MOST_NAMED = 8  # coefficients in a line that names turns too
 _MIN_INPUT = 0.5  # g, up and down, that an axis must have sensed
 
 
@@ -112,8 +113,10 @@ def not_observed_error(
     gyros = set(sensor.select_axes("w").coefficients)
     if turns and gyros.issuperset(named):
         axes = ", ".join(dict.fromkeys(name.partition(".")[0] for name in named))
+        few = len(named) <= _MOST_NAMED
+        listed = ", ".join(named) if few else f"{len(named)} coefficients of {axes}"
         return NotObserved(
-            f"not observed: {len(named)} coefficients of {axes}{steps_in_words(turns)}; record "
+            f"not observed: {listed}{steps_in_words(turns)}; record "
             "these turns, or take method multi_position, which needs no turn of a known angle",
             plain,
             names=named,
