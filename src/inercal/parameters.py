@@ -11,9 +11,21 @@ from typing import Literal
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.units import Measured
+from inercal.units import Measured, si_factor
 
 Scope = Literal["run", "position", "turn", "dwell", "pass", "mounting", "speed"]
+
+_DISPLAY_UNITS = {  # SI unit of a parameter: unit in which it is printed
+    "m/s²": "m/s²",
+    "m": "mm",
+    "(m/s²)⁻¹": "ppm/g",
+    "rad": "°",
+    "rad/s": "°/h",
+    "1": "ppm",
+    "s": "ms",
+}
+_FINE_UNITS = {"rad": "″", "m/s²": "µg"}
+_FINE_LIMIT = 1e-3  # rad or m/s²
 
 
 @dataclass(frozen=True)
@@ -171,3 +183,18 @@ NOT_QUALIFIED = QualifiedParameters()
 def local_gravity(gravity: Measured) -> Parameter:
     """Return the parameter "g" of a bench from its gravity, m/s²."""
     return Parameter.from_measured("g", "m/s²", gravity, "local gravity", "gravity")
+
+
+def display_unit(parameter: Parameter | None) -> tuple[str, float]:
+    """Return the unit in which terminal and report print a parameter, and its SI size.
+
+    Parameters
+    ----------
+    parameter : Parameter or None
+        None is a force.
+    """
+    if parameter is None:
+        return "m/s²", 1.0
+    fine = abs(parameter.value) + parameter.sd < _FINE_LIMIT and parameter.unit in _FINE_UNITS
+    unit = (_FINE_UNITS if fine else _DISPLAY_UNITS)[parameter.unit]
+    return unit, si_factor(unit)

@@ -73,7 +73,14 @@ class Registry(Mapping[str, T]):
             the object cannot be imported.
         """
         if name not in self:
-            raise InputError(f"no {self.what} {name!r}; there are {', '.join(self)}", names=(name,))
+            from difflib import get_close_matches
+
+            near = get_close_matches(name, tuple(self), n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise InputError(
+                f"no {self.what} {name!r}; {hint}{'T' if hint else 't'}here are {', '.join(self)}",
+                names=(name,),
+            )
         return self[name]
 
     @contextmanager

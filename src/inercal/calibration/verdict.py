@@ -29,6 +29,10 @@ from inercal.sensors import G0, Sensor
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
+UNDETECTED_START = "these data cannot show the following, and U does not hold it"
+UNDETECTED_END = "): "
+"""Around the sizes' explanation in the line on causes that the data cannot show."""
+
 _DRIFT_PREFIX = "drift of "  # and the axis
 _BIAS = {"f": "k0", "w": "bias"}
 _MIN_PULL = 2.0  # standard deviations; smaller residuals are not reported
@@ -204,8 +208,8 @@ def _undetectable_lines(
         free = [one.name for one in found if one.component in possible]
         tail = f"; the method can estimate {', '.join(free)} ([method] also)" if free else ""
         texts.append(
-            "these data cannot show the following, and U does not hold it (in brackets the size "
-            f"that shifts a coefficient by 5 u): {', '.join(parts)}{tail}"
+            f"{UNDETECTED_START} (in brackets the size that shifts a coefficient by "
+            f"5 u{UNDETECTED_END}{', '.join(parts)}{tail}"
         )
     if exact := undetectable_exact_parameters(estimate, sensor, expected):
         texts.append(

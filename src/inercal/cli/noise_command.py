@@ -1,6 +1,7 @@
 """`inercal noise`: the noise of a sensor at rest, from its recording."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,8 +54,8 @@ def run(
         help="Leave a band of frequencies in Hz out of the fit, such as a vibration: 3.5-5.5.",
     ),
     report: bool = typer.Option(False, "--report", help="Write a page with the plots."),
-    section: Path | None = typer.Option(
-        None,
+    run_files: list[Path] = typer.Option(
+        [],
         "--write",
         metavar="RUN_FILE",
         help="Write the noise to \\[sensor.*] of this run file, new or with --force an existing.",
@@ -95,6 +96,7 @@ def run(
     from inercal.cli.outputs import PAGE, check_outputs
 
     _check_choices(method, spacing, to, horizon)
+    section = _only_run_file(run_files)
     bands = [_band(one) for one in skip_band]
     if recording is None:
         of_recording = {
@@ -125,11 +127,14 @@ def run(
         with progress_status(f"analysing {recording}"):
             from inercal.noise.analysis import candidate_models
 
-            analysis = stream.analysis(candidate_models(terms), bands, long.table.sha256())
             readings = stream.block_mean_recording()
+            moved = _require_rest(readings, section, to, register)
+            analysis = stream.analysis(candidate_models(terms), bands, long.table.sha256())
+            analysis = replace(analysis, movement=moved)
     else:
         with progress_status(f"reading {recording}"):
             readings = _read(recording, stated)
+            _require_rest(readings, section, to, register)
         with progress_status(f"analysing {recording}"):
             from inercal.noise import analyse_noise
 
@@ -169,6 +174,38 @@ def run(
     print_written_files(files)
     if entered is not None:
         print(f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}")
+
+
+def _only_run_file(paths: Sequence[Path]) -> Path | None:
+    """Return the run file of --write; refuse two."""
+    from inercal.errors import InputError
+
+    if len(paths) > 1:
+        raise InputError(
+            f"--write is given {len(paths)} times ({', '.join(map(str, paths))}): give one run "
+            "file, and repeat the command for another",
+            key="--write",
+        )
+    return next(iter(paths), None)
+
+
+def _require_rest(
+    readings: "Recording", section: Path | None, to: Sequence[str], register: str | None
+) -> str:
+    """Return how the sensor moved, empty at rest; refuse to store the noise of one that moved."""
+    from inercal.errors import InputError
+    from inercal.noise.movement import movement
+    from inercal.noise.texts import movement_text
+
+    moved = movement(readings)
+    stores = {"--write": section, "--to": to, "--register": register}
+    if moved and (asked := [option for option, value in stores.items() if value]):
+        raise InputError(
+            f"{movement_text(moved, readings.source)}; {' and '.join(asked)} would store it",
+            file=readings.source or None,
+            key=asked[0],
+        )
+    return moved
 
 
 def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float) -> None:

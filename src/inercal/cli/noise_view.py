@@ -1,7 +1,7 @@
 """A noise analysis in the terminal."""
 
 from inercal.noise.channel_noise import NoiseAnalysis
-from inercal.noise.texts import channel_remarks, coefficient_cells
+from inercal.noise.texts import channel_remarks, coefficient_cells, movement_text
 
 
 def print_analysis(analysis: NoiseAnalysis) -> None:
@@ -20,6 +20,9 @@ def print_analysis(analysis: NoiseAnalysis) -> None:
         for one in channel.coefficients:
             add_row(table, channel.channel, *coefficient_cells(one))
     console = terminal()
+    if analysis.movement:
+        text = movement_text(analysis.movement, analysis.source)
+        console.print(Text(f"NOT AT REST: {text}", style="bold red"))
     console.print(table)
     for text in analysis.remarks:
         console.print(Text(text))

@@ -100,29 +100,33 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
 
 
 def _show_run_file(file: Path, json: bool) -> None:
+    from inercal.cli.bench_errors_view import bench_errors, print_bench_errors
     from inercal.cli.tables import make_table
     from inercal.cli.terminal import terminal
     from inercal.runfile import read
 
-    facts = _run_facts(read(file))
+    run = read(file)
+    facts = _run_facts(run)
+    errors = bench_errors(run)
     if json:
-        print_json({"file": "run file"} | facts)
+        print_json({"file": "run file"} | facts | {"bench_parameters": errors})
         return
     table = make_table("run file", file.name)
     for name, text in facts.items():
         table.add_row(name, text)
     terminal(highlight=False).print(table)
+    if errors:
+        print_bench_errors(errors)
 
 
 def _run_facts(run: "Run") -> dict[str, str]:
     """Return what a run file states, after all checks."""
-    sensor, bench = run.sensor, run.bench
+    sensor = run.sensor
     facts = {
         "sensor": sensor.name,
         "axes": ", ".join(f"{axis.name} ({axis.readout.unit})" for axis in sensor.axes),
         "coefficients": ", ".join(sensor.coefficients),
         "bench": " ".join(text for text in (run.kind.name, run.bench_name) if text),
-        "errors of the bench": ", ".join(one.name for one in bench.parameters if one.sd > 0),
         "data": f"{run.data.kind}: {run.data.file}",
         "method": f"{run.method.name}, estimator {run.estimator}",
         "priors": ", ".join(name for prior in run.priors for name in prior.names),

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 from inercal.data.data_section import DataSection, ReadbackColumn
 from inercal.data.source import Source
@@ -40,6 +41,8 @@ def load_recording(run: Source[DataSection]) -> Recording:
     except InputError as error:
         if str(error).startswith("[data]"):  # an option of a reader, which knows no run file
             raise error.located(run.path) from None
+        if (key := _key_of_column(run.data, error.names)) is not None:
+            raise error.located(f"{run.path}: {key}", key=key) from None
         raise
     recording = apply_axis_signs(run, recording)
     environment = run.environment
@@ -47,6 +50,18 @@ def load_recording(run: Source[DataSection]) -> Recording:
     if environment is None or environment.lag is None or run.method.follows_rest:
         return recording
     return ahead_of_lag(recording, environment.lag.value)
+
+
+def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:
+    """Return the key of [data] that names a column; None where no key does."""
+    if len(names) != 1:
+        return None
+    for key in type(section).model_fields:
+        value: object = getattr(section, key)
+        given = cast("tuple[object, ...]", value) if isinstance(value, tuple) else (value,)
+        if names[0] in {unsigned_column(one) for one in given if isinstance(one, str | int)}:
+            return f"[data] {key}"
+    return None
 
 
 def _require_labels_of_files(run: Source[DataSection]) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.drafts.column_roles import NO_GYROS, ColumnRoles, recognise_columns
-from inercal.drafts.draft_entries import UNKNOWN, DraftKey, run_file_text
+from inercal.drafts.default_keys import default_bench_keys
+from inercal.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
 from inercal.drafts.draft_sections import (
     bench_keys,
     clock_keys,
@@ -170,6 +171,7 @@ def draft_run_file(
     seen = (*seen, *unused_columns(table, entries), *why_unused)
     found = Draft(path, entries, trials, seen, roles, rests, time, readings)
     if found.method is None:
+        _require_possible_keys(trials, stated)
         by_reason: dict[str, list[str]] = {}
         for trial in trials:
             by_reason.setdefault(trial.reason, []).append(trial.called)
@@ -180,9 +182,23 @@ def draft_run_file(
     reason = "the first of the above that fits"
     if found.questions:
         reason = "not tried yet: inercal init with the answers tries all of the above"
-    keys = [DraftKey("method", "name", found.method.name, reason)]
+    defaults = default_bench_keys(as_sections(entries), found.method.name)
+    keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
     keys += [DraftKey("method", key, value) for key, value in found.method.keys.items()]
     return replace(found, entries=(*entries, *keys))
+
+
+def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:
+    """Refuse a stated value for which every method was refused: its fault alone is the reason."""
+    keys = {trial.key for trial in trials}
+    for key in stated:
+        section, _, name = key.rpartition(".")
+        if keys == {f"[{section}] {name}"}:
+            raise InputError(f"--set {key}: {_without_key(trials[0])}", key=key, names=(key,))
+
+
+def _without_key(trial: MethodTrial) -> str:
+    return trial.reason.removeprefix(f"{trial.key}: ")
 
 
 def _recognise(

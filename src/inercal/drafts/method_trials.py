@@ -30,12 +30,15 @@ class MethodTrial(NamedTuple):
         None where it was refused, or not tried.
     reason : str
         Why it was refused; empty where it works.
+    key : str
+        The key of the run file that was refused, "[bench] tilt"; empty where none was.
     """
 
     name: str
     keys: dict[str, Any]
     outcome: "Outcome | None"
     reason: str = ""
+    key: str = ""
 
     @property
     def called(self) -> str:
@@ -114,7 +117,7 @@ def try_methods(
             outcome = calibrate(from_sections(run_file, content, ""))
         except InercalError as error:
             reason = shorten(str(error).removeprefix(f"{run_file}: "), _LONGEST_REASON)
-            trials.append(MethodTrial(name, keys, None, reason))
+            trials.append(MethodTrial(name, keys, None, reason, getattr(error, "key", "")))
         else:
             trials.append(MethodTrial(name, keys, outcome))
     return tuple(trials)

@@ -103,8 +103,9 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     if not roles.triads:
         raise InputError(
             f"{log}: no accelerometers and no gyros are recognised among "
-            f'{", ".join(table.names)}: state them, as in --set "data.gyro=gx,gy,gz"',
+            f"{', '.join(table.names)}: {_what_to_state(table, roles)}",
             file=log,
+            key="data.accelerometer",
         )
     readouts = {kind: _readout(log, table, roles, kind, values) for kind in roles.triads}
     channels = tuple(
@@ -117,6 +118,29 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
         _columns(log, table, roles, channels, stated, values),
         [readouts[kind] for kind in kinds],
         [READING_UNITS[kind] for kind in kinds],
+    )
+
+
+def _what_to_state(table: Table, roles: ColumnRoles) -> str:
+    """Return all that a log without known names needs, by the names of its own columns."""
+    clock = roles.single.get("time")
+    readings: list[str] = []
+    for name, column in table.columns.items():
+        if column.dtype.kind == "U" or name in roles.single.values():
+            continue
+        if np.all(np.diff(table.numbers(name)) > 0):
+            clock = clock or name
+        else:
+            readings.append(name)
+    pairs = [("data.accelerometer", ",".join(readings[:3]) or "ax,ay,az"),
+             ("data.gyro", ",".join(readings[3:6]) or "gx,gy,gz"),
+             ("sensor.gyro.unit", "°/s")]  # fmt: skip
+    if clock is not None and "time" not in roles.single:
+        pairs += [("data.time", clock), ("data.time_unit", "s")]
+    options = " ".join(f'--set "{key}={value}"' for key, value in pairs)
+    return (
+        f"state which columns they are and the gyros' unit, such as {options}; or give the run "
+        "file that names them, with this recording as its [data] file"
     )
 
 

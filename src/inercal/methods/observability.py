@@ -17,13 +17,14 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
-from inercal.plan import HandStep, Hold
+from inercal.plan import HandStep, Hold, Turn
 from inercal.sensors import Sensor
 
 NOISE_ONLY_NOTE = (
     "the uncertainties include the noise of the means alone: the bench is taken as exact"
 )
 OBSERVABILITY_LIMIT = 0.1  # of the natural size
+_MOST_NAMED = 8  # coefficients in a line that names turns too
 _MIN_INPUT = 0.5  # g, up and down, that an axis must have sensed
 
 
@@ -108,6 +109,18 @@ def not_observed_error(
     plain = tuple(words.partition(" (in units")[0] for words in directions)
     touched = {word for words in plain for word in words.split()}
     named = tuple(name for name in sensor.coefficients if name in touched)
+    turns = [step for step in missing if isinstance(step, Turn)]
+    gyros = set(sensor.select_axes("w").coefficients)
+    if turns and gyros.issuperset(named):
+        axes = ", ".join(dict.fromkeys(name.partition(".")[0] for name in named))
+        few = len(named) <= _MOST_NAMED
+        listed = ", ".join(named) if few else f"{len(named)} coefficients of {axes}"
+        return NotObserved(
+            f"not observed: {listed}{steps_in_words(turns)}; record "
+            "these turns, or take method multi_position, which needs no turn of a known angle",
+            plain,
+            names=named,
+        )
     return NotObserved(
         f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
         f"{'; '.join(plain)}){steps_in_words(missing)}; record what is missing, choose fewer "

@@ -13,7 +13,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.noise.channel_noise import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
+from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, quantity_of
 from inercal.noise.coefficients import Method
 from inercal.noise.conclusion import ChannelSummary, conclude
 from inercal.noise.deviations import Deviations, Spacing, deviations
@@ -21,6 +21,7 @@ from inercal.noise.disturbances import Disturbance, find_disturbances
 from inercal.noise.gap_oadev import fits_grid, gap_oadev, join_deviations
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.lines import SpectralLine, take_out_lines
+from inercal.noise.movement import movement
 from inercal.noise.pieces import Part, Pieces, split_at_gaps
 from inercal.noise.quiet_parts import quiet_parts, walk_remark
 from inercal.noise.rounding import check_rounding
@@ -99,7 +100,12 @@ def analyse_noise(
     pieces = split_at_gaps(recording)
     channels = [_channel(recording, pieces, k, wanted) for k in range(len(recording.channels))]
     return NoiseAnalysis(
-        recording.source, recording.duration, tuple(channels), pieces.remarks, recording.sha256
+        recording.source,
+        recording.duration,
+        tuple(channels),
+        pieces.remarks,
+        recording.sha256,
+        movement(recording),
     )
 
 
@@ -126,27 +132,6 @@ def candidate_models(terms: str | None) -> tuple[str, ...]:
             key="--terms",
         )
     return (chosen,)
-
-
-def quantity_of(unit: str, channel: str) -> Quantity:
-    """Return whether a unit is of angular rate or of acceleration.
-
-    Raises
-    ------
-    InputError
-        It is of neither.
-    """
-    for quantity, like in SI_UNIT.items():
-        try:
-            si_factor(unit, like)
-        except InputError:
-            continue
-        return quantity
-    raise InputError(
-        f"channel {channel} is in {unit!r}: noise is stated of rates (rad/s, °/s) and "
-        "accelerations (m/s², g); convert the readings, or state the scale factor",
-        names=(channel,),
-    )
 
 
 def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptions) -> ChannelNoise:

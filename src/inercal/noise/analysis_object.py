@@ -15,6 +15,8 @@ def analysis_object(analysis: NoiseAnalysis) -> dict[str, Any]:
         "remarks": list(analysis.remarks),
         "channels": [_channel_object(one) for one in analysis.channels],
     }
+    if analysis.movement:
+        found["movement"] = analysis.movement
     return cast("dict[str, Any]", _finite(found))
 
 

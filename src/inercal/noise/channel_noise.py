@@ -158,6 +158,8 @@ class NoiseAnalysis:
         Of all channels: gaps, jitter.
     sha256 : str
         Of the file.
+    movement : str
+        How the sensor moved; empty for a recording at rest.
     """
 
     source: str
@@ -165,6 +167,7 @@ class NoiseAnalysis:
     channels: tuple[ChannelNoise, ...]
     remarks: tuple[str, ...]
     sha256: str = ""
+    movement: str = ""
 
     def channel(self, name: str) -> ChannelNoise:
         """Return a channel by its name.
@@ -184,3 +187,24 @@ class NoiseAnalysis:
     def of(self, quantity: Quantity) -> tuple[ChannelNoise, ...]:
         """Return the channels of a quantity."""
         return tuple(one for one in self.channels if one.quantity == quantity)
+
+
+def quantity_of(unit: str, channel: str) -> Quantity:
+    """Return whether a unit is of angular rate or of acceleration.
+
+    Raises
+    ------
+    InputError
+        It is of neither.
+    """
+    for quantity, like in SI_UNIT.items():
+        try:
+            si_factor(unit, like)
+        except InputError:
+            continue
+        return quantity
+    raise InputError(
+        f"channel {channel} is in {unit!r}: noise is stated of rates (rad/s, °/s) and "
+        "accelerations (m/s², g); convert the readings, or state the scale factor",
+        names=(channel,),
+    )

@@ -10,8 +10,8 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.noise.analysis import candidate_models, quantity_of
-from inercal.noise.channel_noise import NoiseAnalysis, Quantity
+from inercal.noise.analysis import candidate_models
+from inercal.noise.channel_noise import NoiseAnalysis, Quantity, quantity_of
 from inercal.noise.conclusion import ChannelSummary, conclude
 from inercal.noise.gap_oadev import join_deviations
 from inercal.noise.lines import take_out_lines

@@ -48,6 +48,14 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
     return found
 
 
+def movement_text(movement: str, source: str) -> str:
+    """Return that a sensor moved, how, and what to do."""
+    return (
+        f"{source or 'recording'}: this sensor was not at rest: {movement}. Noise is that of a "
+        "sensor at rest: give a recording at rest, or the part of it at rest"
+    )
+
+
 def recording_lengths(channel: ChannelNoise) -> list[str]:
     """Return how long a recording must be for the wanted relative u of each coefficient."""
     found: list[str] = []

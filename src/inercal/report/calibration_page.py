@@ -28,6 +28,7 @@ from inercal.report.sphere import missing_faces, sphere
 from inercal.report.temperature_section import temperature_section
 from inercal.report.templates import render
 from inercal.report.traces import scatter_figure, section_figure
+from inercal.report.verdict_lines import verdict_lines
 
 if TYPE_CHECKING:
     from inercal.store import SensorHistory
@@ -72,6 +73,7 @@ def page(
         outcome=outcome,
         date=calibration.provenance.get("created", "").partition("T")[0],
         verdict=outcome.verdict,
+        verdict_lines=verdict_lines(outcome.verdict.lines[1:]),
         facts=key_facts(outcome),
         groups=report_tables.coefficients(outcome, truth),
         simulated=truth is not None,

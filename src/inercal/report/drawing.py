@@ -111,7 +111,7 @@ def _round_coordinates(path: re.Match[str]) -> str:
 
 
 def panels(
-    height: float, below: Sequence[float], columns: int = 1
+    height: float, below: Sequence[float], columns: int = 1, *, half: bool = False
 ) -> tuple[Figure, list[list[Axes]]]:
     """Return a figure and its rows of axes.
 
@@ -124,19 +124,28 @@ def panels(
     below : sequence of float
         Room under each row, inches.
     columns : int
+    half : bool
+        Half as wide, for `halves`.
     """
+    width = _WIDTH / 2 if half else _WIDTH
     total = sum(below) + len(below) * (_ABOVE + height)
-    each = _WIDTH / columns
-    figure = Figure(figsize=(_WIDTH, total))
+    each = width / columns
+    figure = Figure(figsize=(width, total))
     rows: list[list[Axes]] = []
     foot = total
     for under in below:
         foot -= _ABOVE + height
-        size = ((each - _LEFT - _RIGHT) / _WIDTH, height / total)
-        corners = [((_LEFT + k * each) / _WIDTH, foot / total) for k in range(columns)]
+        size = ((each - _LEFT - _RIGHT) / width, height / total)
+        corners = [((_LEFT + k * each) / width, foot / total) for k in range(columns)]
         rows.append([figure.add_axes((*corner, *size)) for corner in corners])
         foot -= under
     return figure, rows
+
+
+def halves(figures: Sequence[Markup]) -> Markup:
+    """Return figures of half the width beside one another, and below one another on a phone."""
+    each = Markup("").join(Markup("<div>{}</div>").format(one) for one in figures)
+    return Markup('<div class="halves">{}</div>').format(each)
 
 
 def label_room(labels: Sequence[str]) -> float:

@@ -50,37 +50,43 @@ def residuals(outcome: Outcome) -> Markup:
     seen = _residual_table(outcome)
     kinds = list(dict.fromkeys(kind for kind in seen.kinds))
     # Turns have a figure of their own below that of means.
-    figures = [_residual_panels(seen, [k for k in kinds if k in SENSOR_KINDS], "residuals")]
-    if further := [kind for kind in kinds if kind in _ROW_KINDS]:
-        figures.append(_residual_panels(seen, further, "residuals_of_turns"))
+    groups = {"residuals": SENSOR_KINDS, "residuals_of_turns": _ROW_KINDS}
+    figures = [
+        _residual_figures(seen, shown, name)
+        for name, known in groups.items()
+        if (shown := [kind for kind in kinds if kind in known])
+    ]
     return Markup("").join(figures)
 
 
-def _residual_panels(seen: "_ResidualTable", kinds: Sequence[str], name: str) -> Markup:
-    """Return the figure of some kinds of residuals."""
-    members = {kind: [k for k, own in enumerate(seen.kinds) if own == kind] for kind in kinds}
-    has = {
-        kind: np.flatnonzero((~np.isnan(seen.whitened[:, at])).any(axis=1))
-        for kind, at in members.items()
-    }
-    rows = {kind: [seen.rows[k] for k in own.tolist()] for kind, own in has.items()}
-    named = list(dict.fromkeys(row for some in rows.values() for row in some))
-    rooms = [drawing.label_room(()), drawing.label_room(named)]
-    figure, (first, second) = drawing.panels(1.65, rooms, len(kinds))
-    for upper, lower, kind in zip(first, second, kinds, strict=True):
-        at = members[kind]
-        names = [seen.parts[k].removeprefix(f"{kind} ") for k in at]
-        title, unit, si = (SENSOR_KINDS | _ROW_KINDS)[kind]
-        whitened = seen.whitened[has[kind]][:, at]
-        draw_dots(upper, whitened, names, band=True)
-        draw_dots(lower, seen.plain[has[kind]][:, at] / si, names, band=False)
-        drawing.name_positions(upper, rows[kind], named=False)
-        drawing.name_positions(lower, rows[kind], worst=rows_beyond_band(whitened))
-        upper.set_title(title)
-        upper.set_ylabel("standard deviations")
-        lower.set_ylabel(unit)
-        drawing.add_legend(upper)
-    return svg(figure, name, "Residuals of each mean reading, by position and turn")
+def _residual_figures(seen: "_ResidualTable", kinds: Sequence[str], name: str) -> Markup:
+    """Return the figures of some kinds of residuals: several are halves."""
+    if len(kinds) == 1:
+        return _residual_panels(seen, kinds[0], name, half=False)
+    return drawing.halves(
+        [_residual_panels(seen, kind, f"{name}_{kind}", half=True) for kind in kinds]
+    )
+
+
+def _residual_panels(seen: "_ResidualTable", kind: str, name: str, *, half: bool) -> Markup:
+    """Return the figure of one kind of residuals."""
+    at = [k for k, own in enumerate(seen.kinds) if own == kind]
+    has = np.flatnonzero((~np.isnan(seen.whitened[:, at])).any(axis=1))
+    rows = [seen.rows[k] for k in has.tolist()]
+    rooms = [drawing.label_room(()), drawing.label_room(rows)]
+    figure, ((upper,), (lower,)) = drawing.panels(1.65, rooms, half=half)
+    names = [seen.parts[k].removeprefix(f"{kind} ") for k in at]
+    title, unit, si = (SENSOR_KINDS | _ROW_KINDS)[kind]
+    whitened = seen.whitened[has][:, at]
+    draw_dots(upper, whitened, names, band=True)
+    draw_dots(lower, seen.plain[has][:, at] / si, names, band=False)
+    drawing.name_positions(upper, rows, named=False)
+    drawing.name_positions(lower, rows, worst=rows_beyond_band(whitened))
+    upper.set_title(title)
+    upper.set_ylabel("standard deviations")
+    lower.set_ylabel(unit)
+    drawing.add_legend(upper)
+    return svg(figure, name, f"Residuals of {title}, by position and turn")
 
 
 class _ResidualTable(NamedTuple):

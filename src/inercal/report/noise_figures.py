@@ -44,8 +44,9 @@ def _plain_decades(axes: Axes) -> None:
 
 @drawing.style
 def deviation_figure(channel: ChannelNoise) -> Markup:
-    """Return the Allan deviation with its band and terms at the left, the spectrum at the right."""
-    figure, ((left, right),) = drawing.panels(3.0, [0.5], 2)
+    """Return the Allan deviation with its band and terms, and beside it the spectrum."""
+    figure, ((left,),) = drawing.panels(3.0, [0.5], half=True)
+    other, ((right,),) = drawing.panels(3.0, [0.5], half=True)
     unit = SHOWN_UNIT[channel.quantity]
     size = si_factor(unit)
     table, fit = channel.oadev, channel.fit
@@ -62,7 +63,13 @@ def deviation_figure(channel: ChannelNoise) -> Markup:
     _log_axes(left, "averaging time, s", f"Allan deviation, {unit}")
     drawing.add_legend(left)
     _draw_spectrum(right, channel)
-    return svg(figure, f"{channel.channel}-deviation", "Allan deviation and spectrum with terms")
+    name = channel.channel
+    return drawing.halves(
+        [
+            svg(figure, f"{name}-deviation", "Allan deviation with terms"),
+            svg(other, f"{name}-spectrum", "Spectrum with terms"),
+        ]
+    )
 
 
 def _draw_spectrum(axes: Axes, channel: ChannelNoise) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 from markupsafe import Markup
 
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
-from inercal.noise.cross_checks import slope_bias
 from inercal.noise.data_sheet import DataSheetNoise
 from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
 from inercal.noise.texts import (
@@ -14,6 +13,7 @@ from inercal.noise.texts import (
     channel_remarks,
     coefficient_cells,
     disturbance_text,
+    movement_text,
 )
 from inercal.recording import Recording
 from inercal.report.noise_figures import (
@@ -57,10 +57,10 @@ def page(analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | 
         name=Path(analysis.source).name or "recording",
         duration=f"{analysis.duration:.4g}",
         rate=f"{1 / analysis.channels[0].dt:.5g}",
-        tone="good" if good and not disturbed else "care",
-        head=_verdict(good, bool(disturbed)),
+        tone=_tone(analysis, fits=good and not disturbed),
+        head="The sensor was not at rest" if analysis.movement else _verdict(good, bool(disturbed)),
         disturbed=disturbed,
-        remarks=analysis.remarks,
+        remarks=(*_movement(analysis), *analysis.remarks),
         rows=[
             (one.channel, *coefficient_cells(found))
             for one in analysis.channels
@@ -74,6 +74,19 @@ def page(analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | 
         if sheet is None
         else [_sentence(one) for one in (*sheet.all_remarks, *kind_remarks(compared, sheet))],
     )
+
+
+def _tone(analysis: NoiseAnalysis, *, fits: bool) -> str:
+    if analysis.movement:
+        return "bad"
+    return "good" if fits else "care"
+
+
+def _movement(analysis: NoiseAnalysis) -> tuple[str, ...]:
+    """Return that the sensor moved, as the first remark."""
+    if not analysis.movement:
+        return ()
+    return (movement_text(analysis.movement, Path(analysis.source).name),)
 
 
 def _sentence(text: str) -> str:
@@ -105,12 +118,13 @@ def _view(channel: ChannelNoise, recording: Recording) -> ChannelView:
 
 
 def _slope_bias(channel: ChannelNoise) -> str:
-    """Return by how much slopes read N and B of the fit too large; empty without both."""
-    white, flicker, walk = (channel.value(one) for one in "NBK")
-    if not (white and flicker):
-        return ""
-    bias = slope_bias(white, flicker, walk)
-    return ", ".join(f"{symbol} by {100 * (one - 1):.2g} %" for symbol, one in bias.items())
+    """Return how the readings of slopes differ from the coefficients; empty without any."""
+    texts: list[str] = []
+    for symbol, (value, _) in channel.comparison.get("slopes", {}).items():
+        if reported := channel.value(symbol):
+            ratio = value / reported - 1
+            texts.append(f"{symbol} by {100 * ratio:+.2g} %")
+    return typeset_minus(", ".join(texts))
 
 
 def _comparison(channel: ChannelNoise) -> list[tuple[str, ...]]:

@@ -3,31 +3,18 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import pi
 
 import numpy as np
 
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName, ErrorName
-from inercal.parameters import Parameter
+from inercal.parameters import Parameter, display_unit
 from inercal.pipeline import Outcome
 from inercal.pipeline.truth import true_coefficients
-from inercal.sensors import G0
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
-_DISPLAY_UNITS = {  # unit of a parameter of the bench: as printed, its SI size
-    "m/s²": ("m/s²", 1.0),
-    "m": ("mm", 1e-3),
-    "(m/s²)⁻¹": ("ppm/g", 1e-6 / G0),
-    "rad": ("°", pi / 180),
-    "rad/s": ("°/h", pi / 648_000),
-    "1": ("ppm", 1e-6),
-    "s": ("ms", 1e-3),
-}
-_FINE_UNITS = {"rad": ("″", pi / 648_000), "m/s²": ("µg", 1e-6 * G0)}
 _MINUS_PATTERN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
-_FINE_LIMIT = 1e-3  # rad or m/s²
 _MIN_CORRELATION = 0.5  # correlations from here on are named
 _MAX_PAIRS = 8
 
@@ -166,16 +153,8 @@ def _row_index(name: str, outcome: Outcome) -> int:
     return labels.index(label) if label in labels else 0
 
 
-def _display_unit(parameter: Parameter | None) -> tuple[str, float]:
-    """Return the unit to print a parameter in, and its SI size; None is a force."""
-    if parameter is None:
-        return _DISPLAY_UNITS["m/s²"]
-    fine = abs(parameter.value) + parameter.sd < _FINE_LIMIT and parameter.unit in _FINE_UNITS
-    return (_FINE_UNITS if fine else _DISPLAY_UNITS)[parameter.unit]
-
-
 def _run_row(estimate: Estimate, name: str, parameter: Parameter) -> tuple[str, ...]:
-    unit, si = _display_unit(parameter)
+    unit, si = display_unit(parameter)
     k = estimate.names.index(name)
     before = format_value_and_uncertainty(parameter.value / si, parameter.sd / si)
     after = format_value_and_uncertainty(estimate.value[k] / si, estimate.std[k] / si)
@@ -191,7 +170,7 @@ def _label_grid(
     cells: dict[str, list[str]] = {label: [] for label in labels}
     for short in shorts:
         parameter = known.get(next(name for name in names if name.startswith(f"{short}[")))
-        unit, si = _display_unit(parameter)
+        unit, si = display_unit(parameter)
         stated = (
             "free" if parameter is None else f"stated {typeset_minus(_stated_text(parameter, si))}"
         )

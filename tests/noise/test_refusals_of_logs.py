@@ -1,0 +1,39 @@
+"""What `inercal noise` refuses before the work: all that a log lacks, and two run files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.program import run_program
+
+from inercal.errors import InputError
+from inercal.methods import METHODS
+
+
+def unnamed_log(folder: Path) -> Path:
+    path = folder / "log.csv"
+    rows = np.random.default_rng(1).standard_normal((200, 6))
+    table = np.column_stack([np.arange(200) * 0.01, rows])
+    np.savetxt(path, table, "%.6g", ",", header="uhr,F1,F2,F3,R1,R2,R3", comments="")
+    return path
+
+
+def test_all_that_a_log_lacks_is_said_at_once_by_its_own_columns(tmp_path: Path):
+    done = run_program("noise", unnamed_log(tmp_path))
+    assert done.status == 2
+    assert done.error.count("\n") == 1
+    for text in ("data.accelerometer=F1,F2,F3", "data.gyro=R1,R2,R3", "sensor.gyro.unit="):
+        assert text in done.error
+
+
+def test_two_run_files_to_write_are_refused_and_none_is_written(tmp_path: Path):
+    log, files = unnamed_log(tmp_path), (tmp_path / "a.toml", tmp_path / "b.toml")
+    done = run_program("noise", log, "--write", files[0], "--write", files[1])
+    assert done.status == 2
+    assert "--write" in done.error
+    assert not any(one.exists() for one in files)
+
+
+def test_a_mistyped_method_has_its_nearest_name():
+    with pytest.raises(InputError, match="did you mean ferraris"):
+        METHODS.find("feraris")
