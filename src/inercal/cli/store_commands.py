@@ -135,7 +135,7 @@ def history(
         list[str] | None,
         typer.Option(
             help="A sensor of the same type, for the interval of a sensor with few calibrations; "
-            "else those with the same model in [job]."
+            "else those with the same model in \\[job]."
         ),
     ] = None,
     register: _Register = None,
