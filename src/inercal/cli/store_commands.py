@@ -274,7 +274,7 @@ def import_(
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Enter calibrations and runs; existing entries stay as they are."""
+    """Enter calibrations and runs; existing entries stay, --measured dates one without a date."""
     from inercal.errors import InercalError, InputError
     from inercal.store import Register
 
@@ -290,6 +290,7 @@ def import_(
                 entered.append(_enter_path(opened, path, measured))
                 if not json:
                     print(_entry_line(entered[-1]))
+                    _print_dates(opened, entered[-1], measured)
         except InercalError:
             done, left = len(entered), len(paths) - len(entered) - 1
             if done or left:
@@ -380,6 +381,21 @@ def _entry_line(entered: dict[str, Any]) -> str:
         for number in entered["calibrations"]
     ]
     return f"{entered['path']}: {', '.join(parts)}"
+
+
+def _print_dates(opened: "Register", entered: dict[str, Any], measured: str | None) -> None:
+    """Say which date was stated, and which new calibrations have but that of their file."""
+    if measured is not None:
+        number = entered["calibrations"][0]
+        print(f"  #{number} is dated {opened.calibration(number).measured[:10]}, as stated")
+        return
+    for number in entered["new"]:
+        entry = opened.calibration(number)
+        if entry.measured_from == "created":
+            print(
+                f"  #{number} is dated {entry.measured[:10]}, when its file was made; the date of "
+                "the measurement: import it again with --measured DATE"
+            )
 
 
 def _limit(everything: bool, json: bool) -> int | None:

@@ -67,7 +67,7 @@ def drift_text(trend: CoefficientTrend) -> str:
 
 def history_lines(history: SensorHistory) -> list[str]:
     """Return the results of a history, line by line."""
-    lines: list[str] = []
+    lines = _date_lines(history)
     if history.comparison_count:
         lines.append(
             exceedance_text(
@@ -89,3 +89,14 @@ def history_lines(history: SensorHistory) -> list[str]:
         stated = all(one.shared is not None for one in history.calibrations)
         lines.append(SHARED_NOTE if stated else INDEPENDENCE_NOTE)
     return [*lines, *(f"left out: {one}" for one in history.exclusions)]
+
+
+def _date_lines(history: SensorHistory) -> list[str]:
+    """Return which dates are only those of files, where several calibrations are compared."""
+    made = [f"#{one.id}" for one in history.entries if one.measured_from == "created"]
+    if len(history.entries) < 2 or not made:
+        return []
+    return [
+        f"{', '.join(made)}: dated by the making of the file, and so is every drift; state when it "
+        "was measured: inercal store import FILE --measured DATE"
+    ]

@@ -42,6 +42,7 @@ import scipy
 from inercal.comparison.changes import YEAR
 from inercal.comparison.courses import LEAST_FOR_DRIFT
 from inercal.errors import InputError
+from inercal.keys import CoefficientName
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.store.history import CoefficientTrend, SensorHistory
 from inercal.store.type_pool import PooledChange, TypePool
@@ -241,9 +242,11 @@ def coefficient_limits(
 ) -> dict[str, CoefficientLimit]:
     """Return the limits by full name: those stated, else the tolerances of the newest."""
     newest = history.entries[-1].calibration
+    is_turned = history.calibrations[-1].frame != newest.frame  # its limits are of its own frame
     found = {
         one.name: CoefficientLimit(one.lower, one.upper)
         for one in (() if newest.conformity is None else newest.conformity.limits)
+        if not (is_turned and CoefficientName(one.name).parts[1] in ("delta_o", "delta_p"))
     }
     names = {one.name for one in history.trends}
     for word, text in stated.items():
