@@ -266,8 +266,9 @@ class Register:
                 insertions.enter_calibration(db, one, kind, measured, self._author())
                 for one, kind in zip(result, kinds, strict=True)
             )
-            for number in numbers if measured is not None else ():
-                insertions.state_date(db, number, measured)
+            if measured is not None:
+                for number in numbers:
+                    insertions.state_date(db, number, measured)
             return numbers
 
     def issue_certificate(
