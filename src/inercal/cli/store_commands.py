@@ -290,7 +290,8 @@ def import_(
                 entered.append(_enter_path(opened, path, measured))
                 if not json:
                     print(_entry_line(entered[-1]))
-                    _print_dates(opened, entered[-1], measured)
+            if not json:
+                _print_dates(opened, entered, measured)
         except InercalError:
             done, left = len(entered), len(paths) - len(entered) - 1
             if done or left:
@@ -383,19 +384,19 @@ def _entry_line(entered: dict[str, Any]) -> str:
     return f"{entered['path']}: {', '.join(parts)}"
 
 
-def _print_dates(opened: "Register", entered: dict[str, Any], measured: str | None) -> None:
+def _print_dates(opened: "Register", entered: list[dict[str, Any]], measured: str | None) -> None:
     """Say which date was stated, and which new calibrations have but that of their file."""
     if measured is not None:
-        number = entered["calibrations"][0]
-        print(f"  #{number} is dated {opened.calibration(number).measured[:10]}, as stated")
+        number = entered[0]["calibrations"][0]
+        print(f"#{number} is dated {opened.calibration(number).measured[:10]}, as stated")
         return
-    for number in entered["new"]:
-        entry = opened.calibration(number)
-        if entry.measured_from == "created":
-            print(
-                f"  #{number} is dated {entry.measured[:10]}, when its file was made; the date of "
-                "the measurement: import it again with --measured DATE"
-            )
+    new = [number for one in entered for number in one["new"]]
+    dated = [n for n in new if opened.calibration(n).measured_from == "created"]
+    if dated:
+        print(
+            f"{', '.join(f'#{n}' for n in dated)}: dated by the making of the file; where it was "
+            "measured on another day, import it again with --measured DATE"
+        )
 
 
 def _limit(everything: bool, json: bool) -> int | None:
