@@ -181,3 +181,23 @@ print(os.environ["NUMBA_CACHE_DIR"])
     folder = Path(run.stdout.strip())
     assert folder.name.startswith("inercal-")
     assert not folder.exists()
+
+
+def test_no_help_loses_a_bracket_to_markup():
+    """Help is printed as rich markup, of which "[job]" is a style and not a text."""
+    import re
+
+    import typer
+
+    from inercal.cli.app import app
+
+    def texts(command: object) -> list[str]:
+        parts = [getattr(command, "help", "") or ""]
+        parts += [getattr(one, "help", "") or "" for one in getattr(command, "params", ())]
+        for one in getattr(command, "commands", {}).values():
+            parts += texts(one)
+        return parts
+
+    found = texts(typer.main.get_command(app))
+    assert any("\\[data]" in one for one in found)
+    assert [one for one in found if re.search(r"(?<!\\)\[[a-zA-Z/@#]", one)] == []

@@ -134,3 +134,57 @@ def test_another_turn_on_of_the_same_day_has_no_new_mounting():
         for one in by_sensor.components
         if one.effect.level == "mount"
     )
+
+
+def with_uncertainty(one: RepeatedSession, factor: float) -> RepeatedSession:
+    """Return a session whose own noise is some times larger, by its file and in truth."""
+    calibration = one.calibration
+    columns = sum(
+        (np.outer(e.covariance, e.covariance) / e.std**2 for e in calibration.shared or ()),
+        np.zeros_like(calibration.covariance),
+    )
+    own = calibration.covariance - columns
+    rng = np.random.default_rng(int(one.day) + 5)
+    values = calibration.values + factor * np.sqrt(np.diag(own)) * rng.standard_normal(12)
+    return replace(
+        one, calibration=replace(calibration, values=values, covariance=factor**2 * own + columns)
+    )
+
+
+def mixed_sessions(count: int, good: int, seed: int = 4) -> list[RepeatedSession]:
+    """Return sessions without scatter, of which all but the last `good` are 50 times worse."""
+    drawn = drawn_sessions(count, seed, Laboratory(turn_on=(0, 0, 0), mount=0))
+    return [with_uncertainty(one, 50.0) if k < count - good else one for k, one in enumerate(drawn)]
+
+
+@pytest.mark.parametrize("good", [1, 2])
+@pytest.mark.parametrize("seed", range(6))
+def test_poor_sessions_do_not_spoil_good_ones(good: int, seed: int):
+    sessions = mixed_sessions(2 + good, good, seed)
+    found = repeat(sessions, mount_owner="sensor")
+    best = 2 * np.sqrt(np.diag(sessions[-1].calibration.covariance))
+    counts = found.fit.alone.counts_in_next_use
+    assert np.all(found.next_use.expanded[~counts] < 2.5 * best[~counts])
+    assert counts.sum() <= 7  # of 12 at 20 %
+    named = [line for line in found.findings if line.startswith("own scatter")]
+    own = np.diag(found.scatter)[counts]
+    assert bool(named) or not np.any(own > 1.01 * found.fit.variances.variance.max())
+
+
+def test_one_good_session_says_that_its_scatter_is_not_seen():
+    found = repeat(mixed_sessions(3, 1))
+    assert any("outweighs" in line for line in found.findings)
+    assert not any("outweighs" in line for line in repeat(drawn_sessions(3)).findings)
+
+
+def test_own_scatter_is_named_where_it_is_added():
+    for seed in range(10):
+        found = repeat(drawn_sessions(5, seed), mount_owner="sensor")
+        line = next((x for x in found.findings if x.startswith("own scatter")), "")
+        pooled = {
+            place: one.sd for one in found.components for place in one.effect.places
+            if one.effect.level != "mount"
+        }  # fmt: skip
+        for j in np.flatnonzero(KIND < 2):
+            adds = np.sqrt(found.scatter[j, j]) > 1.001 * pooled[int(j)]
+            assert (f"{found.names[j]} " in line) == adds

@@ -77,3 +77,25 @@ def test_the_worst_are_named_where_not_all_can_be():
     named = {text.get_text() for text in axes.texts}
     assert {"p7", "p11", "p0", "p6", "p8"} <= named
     assert "p9" not in named
+
+
+@pytest.mark.parametrize(
+    "days", [0.01, 0.3, 1, 2, 5, 20, 45, 71, 75, 85, 91, 180, 400, 800, 1000, 9000]
+)
+def test_dates_stand_along_any_length_of_time(days: float):
+    """No warning, which is an error here, and one to six dates: 75 days had none of six."""
+    import warnings
+
+    from matplotlib.figure import Figure
+
+    from inercal.report.drawing import date_locator
+
+    for start in (20_000.0, 20_111.3, 20_240.0):
+        axes = Figure().add_subplot()
+        locator = date_locator()
+        axes.xaxis.set_major_locator(locator)
+        axes.set_xlim(start, start + days)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            count = len(locator())
+        assert 1 <= count <= 8

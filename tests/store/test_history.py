@@ -174,11 +174,17 @@ def test_another_frame_is_brought_to_that_of_the_newest(register: Register, tmp_
     assert history.joint_test[1].rank == history.joint_test[1].size
 
 
-def test_a_frame_that_cannot_be_brought_is_left_out_by_name(register: Register, tmp_path: Path):
-    history = of(register, *two(tmp_path, triangular))
-    assert [entry.id for entry in history.entries] == [2]
-    (line,) = history.exclusions
-    assert line.startswith("calibration #1 cannot be compared with the newest: its frame is tri")
+def test_a_newest_in_the_mount_frame_takes_the_frame_that_all_can_have(
+    register: Register, tmp_path: Path
+):
+    paths = two(tmp_path, triangular)
+    history = of(register, *paths)
+    assert [entry.id for entry in history.entries] == [1, 2]
+    assert {one.frame for one in history.calibrations} == {"triangular"}
+    assert any("all are compared in the triangular frame" in line for line in history.exclusions)
+    expected = load(paths[1]).in_frame("triangular")
+    for trend in history.trends:
+        assert trend.values[-1] == pytest.approx(expected.value(trend.name), abs=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """When a sensor should be calibrated next: by each method, from histories whose answer is known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tests.refusals import refused
@@ -8,6 +10,8 @@ from tests.store.calibration_generator import DRIFTING, G0, ten
 from inercal.errors import InputError
 from inercal.store import Register, SensorHistory
 from inercal.store.recalibration import LONGER, SHORTER, expanded_after, recalibration
+from inercal.store.recalibration_text import expanded_text, limit_text, recalibration_lines
+from inercal.store.type_pool import type_pool
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +54,28 @@ def test_a_limit_below_u_is_exceeded_now(history: SensorHistory):
     assert found.date == history.entries[-1].measured[:10]
     staircase = next(one.staircase for one in found.rows if one.name == "ax.k0")
     assert staircase == pytest.approx(SHORTER * float(np.diff(history.trends[0].time)[-1]))
+
+
+def test_the_u_that_exceeds_a_limit_is_stated(history: SensorHistory):
+    found = recalibration(history, {"bias": "1 ng"})
+    for row in found.rows:
+        trend = history.trend(row.name)
+        assert row.expanded == pytest.approx(expanded_after(trend, 0.0))
+        assert row.expanded > row.limit.expanded
+    line = recalibration_lines(found)[0]
+    assert found.decided_by in line
+    assert expanded_text(found, found.rows[0]) in line
+    assert limit_text(found, found.rows[0]) in line
+
+
+def test_two_calibrations_of_one_sensor_alone_predict_nothing(tmp_path: Path):
+    with Register(str(tmp_path / "register.db")) as register:
+        register.enter_calibrations(ten(tmp_path)[:2])
+        history = register.history(DRIFTING.sensor)
+        pool = type_pool(register, history)
+    found = recalibration(history, {"bias": "1 mg"}, pool=pool)
+    assert (found.years, found.pool) == (None, None)
+    assert "2 calibrations" in recalibration_lines(found)[0]
 
 
 def test_without_limits_there_is_no_date(history: SensorHistory):

@@ -279,3 +279,19 @@ def test_what_is_not_there_is_said_with_what_is(address: str, tmp_path: Path):
             register.calibration(11)
         with refused(InputError, names=("bare",)):
             register.history("bare")
+
+
+def test_a_stated_date_replaces_only_the_date_of_the_file(address: str, tmp_path: Path):
+    path = write(tmp_path / "a.calibration.json", made())
+    with Register(address, by="Ada") as register:
+        number = register.enter_calibration(path)
+        assert register.calibration(number).measured_from == "created"
+        for _ in range(2):  # the same date again is no change
+            assert register.enter_calibration(path, measured="2019-12-20") == number
+            entry = register.calibration(number)
+            assert (entry.measured[:10], entry.measured_from) == ("2019-12-20", "stated")
+        with pytest.raises(InputError, match="2019-12-20 as was stated"):
+            register.enter_calibration(path, measured="2019-12-21")
+        assert register.calibration(number).measured[:10] == "2019-12-20"
+        assert register.enter_calibration(path) == number  # without a date nothing is said
+        assert register.calibration(number).measured[:10] == "2019-12-20"

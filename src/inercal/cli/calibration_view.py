@@ -10,7 +10,12 @@ from inercal.calibration.specification import conformity_lines
 from inercal.cli.tables import add_row, begin_section, make_table, number_column, number_columns
 from inercal.cli.terminal import terminal
 from inercal.comparison import Comparison
-from inercal.comparison.comparison_text import comparison_lines, format_en, run_to_run_lines
+from inercal.comparison.comparison_text import (
+    comparison_lines,
+    format_en,
+    run_to_run_hint,
+    run_to_run_lines,
+)
 from inercal.comparison.run_to_run import RunToRun
 from inercal.sensors import SI_UNITS
 from inercal.uncertainty.coverage import COVERAGE
@@ -66,7 +71,13 @@ def print_comparison(
     terminal().print(table)
     for line in comparison_lines(compared):
         print_line(line)
-    for line in [] if ordinary is None else run_to_run_lines(ordinary):
+    if ordinary is not None:
+        further = run_to_run_lines(ordinary)
+    elif compared.first.sensor.name == compared.second.sensor.name:
+        further = run_to_run_hint(compared.exceedances, compared.joint_test)
+    else:
+        further = []
+    for line in further:
         print_line(line)
 
 

@@ -40,7 +40,7 @@ def run(
         None,
         metavar="DURATION",
         help='Search for a better path of systematic of at most this time, such as "20 min"; --out '
-        "writes it as a file for [method] path.",
+        "writes it as a file for \\[method] path.",
     ),
     trials: int | None = typer.Option(
         None, min=1, help=f"Paths that --optimise judges (default {_TRIALS})."

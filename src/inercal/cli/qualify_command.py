@@ -12,8 +12,8 @@ _NOT_TO_BE_RELIED_ON = 3  # the exit status
 
 def run(
     files: list[Path] = typer.Argument(
-        help="Input file with [qualification] and [measurement]; with --drift the earlier and the "
-        "later qualification.",
+        help="Input file with \\[qualification] and \\[measurement]; with --drift the earlier and "
+        "the later qualification.",
         metavar="FILE…",
     ),
     out: Path | None = typer.Option(
@@ -36,7 +36,7 @@ def run(
     ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
 ) -> None:
-    """Qualify a bench: find its parameters with their covariance, for [bench] qualification."""
+    r"""Qualify a bench: find its parameters with their covariance, for \[bench] qualification."""
     from inercal.errors import InputError
 
     if drift and withdraw is not None:

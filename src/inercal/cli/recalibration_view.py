@@ -49,6 +49,7 @@ def recalibration_object(found: Recalibration) -> dict[str, Any]:
                 "lower": _finite(one.limit.lower),
                 "upper": _finite(one.limit.upper),
                 "U": _finite(one.limit.expanded),
+                "predicted_U": one.expanded,
                 "prediction": one.prediction,
                 "chart": one.chart,
                 "staircase": one.staircase,

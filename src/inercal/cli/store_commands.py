@@ -135,7 +135,7 @@ def history(
         list[str] | None,
         typer.Option(
             help="A sensor of the same type, for the interval of a sensor with few calibrations; "
-            "else those with the same model in [job]."
+            "else those with the same model in \\[job]."
         ),
     ] = None,
     register: _Register = None,
@@ -274,7 +274,8 @@ def import_(
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Enter calibrations and runs; existing entries stay as they are."""
+    """Enter calibrations and runs; existing entries stay, --measured dates one without a date."""
+    from inercal.cli.store_imports import enter_path, entry_line, print_dates
     from inercal.errors import InercalError, InputError
     from inercal.store import Register
 
@@ -287,9 +288,11 @@ def import_(
     with Register(register, by) as opened:
         try:
             for path in paths:
-                entered.append(_enter_path(opened, path, measured))
+                entered.append(enter_path(opened, path, measured))
                 if not json:
-                    print(_entry_line(entered[-1]))
+                    print(entry_line(entered[-1]))
+            if not json:
+                print_dates(opened, entered, measured)
         except InercalError:
             done, left = len(entered), len(paths) - len(entered) - 1
             if done or left:
@@ -339,47 +342,6 @@ def _print_rows(rows: dict[str, int], what: str, names: dict[str, str], json: bo
         return
     kept = ("sensor", "run", "calibration", "certificate")
     print(f"{what}: " + ", ".join(f"{rows[name]} {name}s" for name in kept))
-
-
-def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[str, Any]:
-    """Enter one path; return run and calibrations."""
-    from inercal.errors import InputError
-
-    # A register that is not there yet is created when the first entry is good.
-    before = set(opened.calibration_numbers() if opened.exists else ())
-    if not path.is_dir():
-        numbers = (opened.enter_calibration(path, measured),)
-        return _entry_summary(path, None, numbers, before)
-    from inercal.host.registration import register_run
-    from inercal.host.run_folder import JOURNAL
-
-    if (path / JOURNAL).exists():
-        number = register_run(opened, path)
-        return _entry_summary(path, number, opened.calibration_numbers(number), before)
-    files = sorted(path.glob("*.calibration.json"))
-    if not files:
-        raise InputError(
-            f"{path}: the folder has neither a run of a bench nor *.calibration.json; give the "
-            "folder of a run, or calibration files",
-            file=path,
-        )
-    return _entry_summary(path, None, opened.enter_calibrations(files), before)
-
-
-def _entry_summary(
-    path: Path, run: int | None, numbers: tuple[int, ...], before: set[int]
-) -> dict[str, Any]:
-    new = [number for number in numbers if number not in before]
-    return {"path": str(path), "run": run, "calibrations": list(numbers), "new": new}
-
-
-def _entry_line(entered: dict[str, Any]) -> str:
-    parts = [] if entered["run"] is None else [f"run {entered['run']}"]
-    parts += [
-        f"calibration #{number}" + ("" if number in entered["new"] else " (existing)")
-        for number in entered["calibrations"]
-    ]
-    return f"{entered['path']}: {', '.join(parts)}"
 
 
 def _limit(everything: bool, json: bool) -> int | None:

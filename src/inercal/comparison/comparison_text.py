@@ -16,6 +16,12 @@ INDEPENDENCE_NOTE = (
     "and χ² are then too small, and only larger changes are detected"
 )
 
+_CHANCE = 0.05  # of a joint test
+RUN_TO_RUN_NOTE = (
+    "E_n and χ² hold no scatter from one power cycle, day or mounting to the next: inercal repeat "
+    "states it from several calibrations, and --repeatability (compare, store diff) judges by it"
+)
+
 
 def grade_text(grade: str) -> str:
     """Return a verdict's grade in words; "unknown" for a file without a grade."""
@@ -79,6 +85,12 @@ def run_to_run_lines(found: RunToRun) -> list[str]:
     if found.joint is not None:
         lines.append(f"all together, with that scatter: {joint_test_text(found.joint)}")
     return lines
+
+
+def run_to_run_hint(exceedances: int, joint: JointTest | None) -> list[str]:
+    """Return where the scatter from run to run is judged, for a change that may be no more."""
+    is_changed = exceedances > 0 or (joint is not None and joint.p_value < _CHANCE)
+    return [RUN_TO_RUN_NOTE] if is_changed else []
 
 
 def exceedance_text(beyond: int, of: int, by_chance: float) -> str:

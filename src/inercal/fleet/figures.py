@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.dates import ConciseDateFormatter
 from matplotlib.ticker import MaxNLocator
 
 from inercal.arrays import Array
@@ -132,7 +132,7 @@ def control_figure(centre: float, charts: Sequence[ControlChart], name: str, tim
     for axes, chart in zip(panels, charts, strict=False):
         _draw_chart(axes, centre, chart)
         if timed:
-            locator = AutoDateLocator(minticks=3, maxticks=6)
+            locator = drawing.date_locator()
             axes.xaxis.set_major_locator(locator)
             axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
     for axes in panels[len(charts) :]:

@@ -47,7 +47,9 @@ def noise_ratio(found: Repeatability, one: ScatterComponent) -> float:
 def advice_lines(found: Repeatability) -> list[str]:
     """Return what would make the scatter better known."""
     lines: list[str] = []
-    for one in found.components:
+    for number, one in enumerate(found.components):
+        if number in found.fit.unseen:
+            continue  # a finding names it
         ratio, what = noise_ratio(found, one), f"{one.effect.name} ({one.effect.level})"
         if one.sd == 0:
             lines.append(f"{what}: the sessions scatter no more than their uncertainties explain")

@@ -9,8 +9,9 @@ covariances and scatter, and W = V⁻¹, the mean is θ̂ = A⁻¹ XᵀWy, A = X
 
 u_B is that of errors which sessions share, L = A⁻¹ XᵀW P / u_q for each determination: no number of
 sessions lowers it. q is the weighted scatter about the mean over its expectation (Hartung and Knapp
-2001). Like axes share a variance; an axis that scatters more by itself takes its own. t_ν has the
-coverage of 2u, with ν = m (n − 1) of m like axes and n levels.
+2001). Like axes share a variance; an axis that scatters more by itself takes its own, where its
+sessions' own uncertainties do not explain that (`own_scatter`). t_ν has the coverage of 2u, with
+ν = m (n − 1) of m like axes and n levels.
 
 Sources: JCGM 100:2008, G.4; Hartung and Knapp, Statistics in Medicine 20 (2001), 3875–3889;
 Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159 (prediction).
@@ -25,10 +26,9 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.repeatability.effects import NamedEffect, Owner, Scope, named_effects, scatter
-from inercal.repeatability.session_findings import findings
+from inercal.repeatability.session_findings import findings, own_scatter_lines
 from inercal.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.repeatability.sessions import MatchedSessions, RepeatedSession, match_sessions
-from inercal.uncertainty.components import variance_components
 from inercal.uncertainty.conformity import expanded_uncertainty
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.uncertainty.scatter_limits import scatter_limits
@@ -115,7 +115,12 @@ class Repeatability:
     @cached_property
     def findings(self) -> tuple[str, ...]:
         """What the sessions do not agree with, and what was assumed."""
-        return findings(self.fit, self.mount_owner)
+        pooled = np.diag(_pooled_scatter(self.fit, self.scope))
+        own = np.flatnonzero(_scatter_alone(self.fit) > pooled).tolist()
+        return (
+            *findings(self.fit, self.mount_owner),
+            *own_scatter_lines(self.fit, pooled, own),
+        )
 
     @property
     def run_to_run(self) -> Array:
@@ -199,10 +204,8 @@ def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
 
     A coefficient that scatters more by itself than like ones takes its own variance.
     """
-    chosen = [one.is_in_next_use(scope) for one in fit.effects]
     size = len(fit.unit)
-    pooled = scatter(fit.effects, fit.variances.variance, chosen, size)
-    pooled = pooled / np.outer(fit.unit, fit.unit)
+    pooled = _pooled_scatter(fit, scope)
     alone = _scatter_alone(fit)
     diagonal = np.diag(pooled)
     ratio = np.divide(np.maximum(diagonal, alone), diagonal, out=np.ones(size), where=diagonal > 0)
@@ -211,32 +214,42 @@ def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
     return found
 
 
+def _pooled_scatter(fit: SessionFit, scope: Scope) -> Array:
+    """Return the covariance of the next use by what like coefficients share, (p, p)."""
+    chosen = [one.is_in_next_use(scope) for one in fit.effects]
+    pooled = scatter(fit.effects, fit.variances.variance, chosen, len(fit.unit))
+    return pooled / np.outer(fit.unit, fit.unit)
+
+
 def _scatter_alone(fit: SessionFit) -> Array:
     """Return the variance of each coefficient from its own values, (p,), in units of the fit.
 
-    Of sessions that are not all of other days there is none; nor of misalignments that a mounting
-    moves for which the bench answers.
+    None of sessions that are not all of other days, of misalignments that a mounting moves for
+    which the bench answers, where the sessions' own uncertainties explain it, or where one session
+    outweighs the others.
     """
     if not fit.has_other_days:
         return np.zeros(len(fit.unit))
-    moved = {p for one in fit.effects if one.owner == "bench" for p in one.places}
-    std = np.sqrt(np.diagonal(fit.own, axis1=1, axis2=2))
-    return np.array([
-        0.0 if j in moved
-        else variance_components(fit.values[:, j], std[:, j]).within.sd ** 2
-        for j in range(len(fit.unit))
-    ])  # fmt: skip
+    counts = fit.alone.counts_in_next_use.copy()
+    for number, one in enumerate(fit.effects):
+        if one.owner == "bench" or number in fit.unseen:
+            counts[list(one.places)] = False
+    return np.where(counts, fit.alone.variance, 0.0)
 
 
 def _spread_ratio(fit: SessionFit) -> Array:
-    """Return √max(1, q) of each coefficient, that of like axes together or its own."""
+    """Return √max(1, q) of each coefficient, that of like axes together or its own.
+
+    Its own counts where the sessions' own uncertainties do not explain it.
+    """
     ratio = np.ones(len(fit.unit))
     if not fit.has_other_days:
         return ratio
     q = ((fit.values - fit.mean) ** 2 / fit.variance).sum(axis=0) / (len(fit.values) - 1)
     for places in fit.groups.values():
         picks = list(places)
-        ratio[picks] = np.sqrt(np.maximum(1.0, np.maximum(q[picks].mean(), q[picks])))
+        own = np.where(fit.alone.counts[picks], q[picks], 1.0)
+        ratio[picks] = np.sqrt(np.maximum(1.0, np.maximum(q[picks].mean(), own)))
     return ratio
 
 

@@ -44,6 +44,44 @@ def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
     return found
 
 
+def own_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) -> list[str]:
+    """Return which coefficients take their own scatter, with its size and that of like ones.
+
+    Parameters
+    ----------
+    pooled : (p,) array
+        Variance that like coefficients share, in units of the fit.
+    places : sequence of int
+        The coefficients that take their own.
+    """
+    parts: list[str] = []
+    for j in places:
+        name = fit.matched.names[j]
+        term = fit.matched.sensor.coefficient(name)
+        own, like = (
+            np.sqrt(one[j]) * fit.unit[j] / term.si for one in (fit.alone.variance, pooled)
+        )
+        parts.append(
+            f"{name} {own:.3g} {term.unit} in place of {like:.3g} {term.unit} "
+            f"(p = {fit.alone.chance[j]:.1g})"
+        )
+    if not parts:
+        return []
+    return [
+        f"own scatter in U of the next use, larger than that of like coefficients: "
+        f"{', '.join(parts)}; p: of its sessions' own uncertainties alone"
+    ]
+
+
+def unseen_lines(fit: SessionFit) -> list[str]:
+    """Return the scatter that the sessions cannot show."""
+    return [
+        f"{fit.effects[k].name}: one session outweighs the others, which show no scatter beyond "
+        "their uncertainties; U of the next use holds none, add a session as good as the best"
+        for k in fit.unseen
+    ]
+
+
 def outlier_axes(
     values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]
 ) -> list[int]:
@@ -52,6 +90,7 @@ def outlier_axes(
     Parameters
     ----------
     values : (k, p) array
+        Deviations from the mean, in units in which all sessions scatter alike.
     groups : mapping
         Places of like coefficients.
     """
@@ -83,8 +122,10 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
         lines += [
             f"{matched.names[j]} scatters more than those of the other axes; U of the next use "
             "takes its own scatter, and covers less than 95 % with few sessions"
-            for j in outlier_axes(matched.values, _without_rotated(fit))
+            for j in outlier_axes(_standardized(fit), _without_rotated(fit))
+            if fit.alone.counts[j]
         ]
+    lines += unseen_lines(fit)
     if matched.unstated:
         lines.append(
             f"{', '.join(matched.unstated)}: states no errors that calibrations share; all of its "
@@ -95,6 +136,11 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
     if matched.left_out:
         lines.append(f"not in all sessions, or fixed: {', '.join(matched.left_out)}")
     return tuple(lines)
+
+
+def _standardized(fit: SessionFit) -> Array:
+    """Return deviations from the mean over their standard deviations: sessions weigh by their u."""
+    return (fit.values - fit.mean) / np.sqrt(fit.variance)
 
 
 def _without_rotated(fit: SessionFit) -> Mapping[tuple[str, str, float], Sequence[int]]:

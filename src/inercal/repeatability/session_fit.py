@@ -1,12 +1,22 @@
 """Sessions and their scatter fitted, in units in which the coefficients are comparable."""
 
-from collections.abc import Mapping
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from inercal.arrays import Array
 from inercal.repeatability.effects import NamedEffect, similar_coefficients
+from inercal.repeatability.own_scatter import (
+    CHANCE,
+    OwnScatter,
+    covariances_by_coefficient,
+    own_scatter,
+)
 from inercal.repeatability.sessions import MatchedSessions
 from inercal.uncertainty.repeated_measurements import (
     EffectVariances,
@@ -14,6 +24,8 @@ from inercal.uncertainty.repeated_measurements import (
     block_matrix,
     effect_variances,
 )
+
+_LEAST_EFFECTIVE = 1.5  # sessions in a mean, (Σw)²/Σw²: with fewer, one has 80 % of the weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +54,11 @@ class SessionFit:
         Covariance of the mean by what is shared.
     gain : (p, k p) array
         Derivatives of the mean by all values.
+    alone : OwnScatter
+        Of each coefficient by itself.
+    unseen : tuple of int
+        Effects that the sessions do not show: one session outweighs the others, and these scatter
+        no more than their own uncertainties explain. Their variance is 0.
     """
 
     matched: MatchedSessions
@@ -56,6 +73,8 @@ class SessionFit:
     inverse: Array
     shared: Array
     gain: Array
+    alone: OwnScatter
+    unseen: tuple[int, ...]
 
     @property
     def has_other_days(self) -> bool:
@@ -89,7 +108,10 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
     for one, column in zip(matched.shared, columns, strict=True):
         if not one.is_common:  # what all sessions share moves them alike
             known += np.outer(column, column)
-    variances = effect_variances(values, known, scaled)
+    by_coefficient = covariances_by_coefficient(matched, own, unit)
+    alone = own_scatter(values, by_coefficient)
+    unseen = _unseen_effects(effects, by_coefficient, alone)
+    variances = _seen_variances(values, known, scaled, unseen)
     total = block_matrix(_weighting(matched, square))
     for size, one in zip(variances.variance, scaled, strict=True):
         total += size * one.covariance()
@@ -106,8 +128,48 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
     mean = gain @ values.ravel()
     return SessionFit(
         matched, effects, groups, unit, values, own, variances, blocks, mean, inverse,
-        shared, gain,
+        shared, gain, alone, unseen,
     )  # fmt: skip
+
+
+def _unseen_effects(
+    effects: tuple[NamedEffect, ...], by_coefficient: Array, alone: OwnScatter
+) -> tuple[int, ...]:
+    """Return the effects of which the sessions say nothing at the size that matters.
+
+    Where one session has almost all weight in the mean, the others, with their large uncertainties,
+    alone tell of the scatter: a chance estimate from them would outweigh the good session.
+    """
+    k = by_coefficient.shape[1]
+    variance = np.diagonal(by_coefficient, axis1=1, axis2=2)
+    found: list[int] = []
+    for number, one in enumerate(effects):
+        places = list(one.places)
+        weight = 1 / variance[places].mean(axis=0)
+        if weight.sum() ** 2 / (weight**2).sum() >= _LEAST_EFFECTIVE:
+            continue
+        squares = float(alone.squares[places].sum())
+        if scipy.special.chdtrc(len(places) * (k - 1), squares) >= CHANCE:
+            found.append(number)
+    return tuple(found)
+
+
+def _seen_variances(
+    values: Array, known: Array, effects: Sequence[RandomEffect], unseen: tuple[int, ...]
+) -> EffectVariances:
+    """Return the variances of all effects, 0 of those unseen."""
+    seen = [k for k in range(len(effects)) if k not in unseen]
+    whole = effect_variances(values, known, effects)
+    if not unseen:
+        return whole
+    variance = np.zeros(len(effects))
+    if not seen:
+        return EffectVariances(variance, whole.covariance, converged=True)
+    part = effect_variances(values, known, [effects[k] for k in seen])
+    variance[seen] = part.variance
+    covariance = whole.covariance.copy()  # the limits of what is unseen stay as wide as they are
+    covariance[np.ix_(seen, seen)] = part.covariance
+    return EffectVariances(variance, covariance, part.converged)
 
 
 def _units(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.dates import ConciseDateFormatter
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
@@ -154,7 +154,7 @@ def draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_])
 
 def draw_dates(axes: Axes) -> None:
     """Give the axis of time, in days since 1970, its dates."""
-    locator = AutoDateLocator(minticks=3, maxticks=6)
+    locator = drawing.date_locator()
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(
         ConciseDateFormatter(locator, formats=_FORMATS, zero_formats=_FORMATS, show_offset=False)

@@ -16,6 +16,7 @@ import matplotlib
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator
 from matplotlib.figure import Figure
 
 from inercal.benches.report_data import Plot, Series
@@ -196,6 +197,14 @@ def name_positions(
             chosen.append(k)
     for k in set(chosen):
         axes.text(k, 0, labels[k], transform=under, rotation=angle, va=top, ha=centre)
+
+
+def date_locator() -> AutoDateLocator:
+    """Return the places of at most six dates along an axis.
+
+    Two at least: from three on, matplotlib has no interval for ten weeks, nor for 31 months.
+    """
+    return AutoDateLocator(minticks=2, maxticks=6)
 
 
 def add_legend(axes: Axes) -> None:

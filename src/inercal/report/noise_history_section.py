@@ -9,7 +9,7 @@ from math import isfinite
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.dates import ConciseDateFormatter
 
 from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, MUTED, WARN, X, Y, Z, svg
@@ -106,7 +106,7 @@ def _draw(axes: Axes, found: Sequence[NoiseTrend]) -> None:
     axes.set_xlim(first - 0.5 * span, last + 0.5 * span)
     axes.set_ylim(bottom=0)
     axes.grid(axis="y", color=FAINT, lw=0.3)
-    locator = AutoDateLocator(minticks=3, maxticks=6)
+    locator = drawing.date_locator()
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
     drawing.add_legend(axes)

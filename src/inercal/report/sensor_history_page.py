@@ -9,7 +9,7 @@ from datetime import datetime
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.dates import ConciseDateFormatter
 
 from inercal.arrays import Array
 from inercal.calibration.suspect_text import p_value_text
@@ -42,7 +42,7 @@ _VERDICT_WORDS: dict[TrendVerdict, str] = {
 _HEIGHT, _LABEL_ROOM = 1.3, 0.4  # inches
 _COLUMNS = 2
 _TIME_MARGIN = 0.04  # of the time that is shown
-_MIN_MARGIN = 30.0  # days to both sides
+_LARGEST_MARGIN = 30.0  # days to both sides, of a short time: its points stay apart
 # Of ticks a year, a month, … apart, and of those at the begin of a longer such time.
 _FORMATS = ["%Y", "%Y-%m", "%d", "%H:%M", "%H:%M", "%S"]
 _ZERO_FORMATS = ["", "%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M"]
@@ -228,11 +228,12 @@ def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name
     panels = [axes for row in rows for axes in row]
     times = (datetime.fromisoformat(history.entries[k].measured) for k in (0, -1))
     first, last = (time.timestamp() / _DAY for time in times)
-    margin = max(_TIME_MARGIN * (last - first), _MIN_MARGIN)
+    span = last - first
+    margin = max(_TIME_MARGIN * span, min(span, _LARGEST_MARGIN)) if span else _LARGEST_MARGIN
     for axes, trend in zip(panels, found, strict=False):
         _draw_trend(axes, trend, first)
         axes.set_xlim(first - margin, last + margin)
-        locator = AutoDateLocator(minticks=3, maxticks=6)
+        locator = drawing.date_locator()
         axes.xaxis.set_major_locator(locator)
         formatter = ConciseDateFormatter(
             locator, formats=_FORMATS, zero_formats=_ZERO_FORMATS, show_offset=False
@@ -256,7 +257,7 @@ def _draw_trend(axes: Axes, trend: CoefficientTrend, first: float) -> None:
         axes.plot(days, middle, "-" if len(course.beta) > 1 else "--", color=Z, lw=1.1)
     axes.errorbar(time, value, reach, fmt="none", ecolor=MUTED, elinewidth=0.9, capsize=2.2)
     beyond = np.abs(trend.normalised_errors) > 1
-    axes.plot(time[~beyond], value[~beyond], "o", ms=3.6, mfc=INK, mec=INK, mew=0)
+    axes.plot(time[~beyond], value[~beyond], "o", ms=4.2, mfc=INK, mec=PAPER, mew=0.6)
     # Another shape, open and larger: to be told without colour too.
     axes.plot(time[beyond], value[beyond], "D", ms=6.0, mfc=PAPER, mec=WARN, mew=1.5, zorder=3)
     axes.grid(axis="y", color=FAINT, lw=0.3)

@@ -112,6 +112,8 @@ class CoefficientTrend:
 class SensorHistory:
     """The calibrations of a sensor in the terms of the newest, oldest first.
 
+    Where the newest is in the mount frame and others are not, in the frame of these.
+
     Parameters
     ----------
     sensor : SensorEntry
@@ -233,7 +235,11 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
             names=(sensor.name,),
         )
     entries, left_out = latest_per_recording(entries)
-    newest = entries[-1].calibration
+    newest = _common_terms(entries)
+    if newest is not entries[-1].calibration:
+        left_out.append(
+            f"the mount frame: all are compared in the {newest.frame} frame, which all can have"
+        )
     kept: list[tuple[CalibrationEntry, Calibration]] = []
     for entry in entries:
         try:
@@ -258,6 +264,33 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
         tuple(found),
         tuple(left_out),
     )
+
+
+def _common_terms(entries: Sequence[CalibrationEntry]) -> Calibration:
+    """Return the newest calibration in the frame that all can have, else as it is.
+
+    No other frame can be converted to "mount", as which a hand-held one has none.
+    """
+    newest = entries[-1].calibration
+    frames = [one.calibration.frame for one in entries if one.calibration.frame != "mount"]
+    if newest.frame != "mount" or not frames:
+        return newest
+    try:
+        turned = match_frame_and_form(newest, replace(newest, frame=frames[-1]))
+    except InputError:
+        return newest
+    return turned if any(_can_have(one, turned) for one in entries[:-1]) else newest
+
+
+def _can_have(entry: CalibrationEntry, terms: Calibration) -> bool:
+    """Return whether a calibration of another frame than "mount" can be in these terms."""
+    if entry.calibration.frame == "mount":
+        return False
+    try:
+        match_frame_and_form(entry.calibration, terms)
+    except InputError:
+        return False
+    return True
 
 
 def _operating_hours(calibration: Calibration) -> float | None:

@@ -6,6 +6,7 @@ from inercal.comparison.comparison_text import (
     SHARED_NOTE,
     exceedance_text,
     joint_test_text,
+    run_to_run_hint,
     run_to_run_lines,
 )
 from inercal.comparison.courses import LEAST_FOR_DRIFT, Course
@@ -66,7 +67,7 @@ def drift_text(trend: CoefficientTrend) -> str:
 
 def history_lines(history: SensorHistory) -> list[str]:
     """Return the results of a history, line by line."""
-    lines: list[str] = []
+    lines = _date_lines(history)
     if history.comparison_count:
         lines.append(
             exceedance_text(
@@ -80,9 +81,22 @@ def history_lines(history: SensorHistory) -> list[str]:
         )
     if (ordinary := newest_run_to_run(history)) is not None:
         lines += run_to_run_lines(ordinary)
+    elif history.comparison_count:
+        lines += run_to_run_hint(history.exceedances, history.newest_joint_test)
     if any(one.line is not None for one in history.trends):
         lines.append("without any change, about one coefficient in 20 is not called steady")
     if history.comparison_count:
         stated = all(one.shared is not None for one in history.calibrations)
         lines.append(SHARED_NOTE if stated else INDEPENDENCE_NOTE)
     return [*lines, *(f"left out: {one}" for one in history.exclusions)]
+
+
+def _date_lines(history: SensorHistory) -> list[str]:
+    """Return which dates are only those of files, where several calibrations are compared."""
+    made = [f"#{one.id}" for one in history.entries if one.measured_from == "created"]
+    if len(history.entries) < 2 or not made:
+        return []
+    return [
+        f"{', '.join(made)}: dated by the making of the file, and so is every drift; state when it "
+        "was measured: inercal store import FILE --measured DATE"
+    ]

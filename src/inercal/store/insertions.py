@@ -209,6 +209,31 @@ def enter_calibration(
     return new
 
 
+def state_date(db: Connection, number: int, measured: str) -> None:
+    """Date a calibration by what the user states, where nothing but its file has dated it.
+
+    Raises
+    ------
+    InputError
+        It has another date, stated before or that of its run.
+    """
+    query = select(calibration.c.measured, calibration.c.measured_from)
+    there = db.execute(query.where(calibration.c.id == number)).one()
+    time = to_utc(measured)
+    if there.measured == time:
+        return
+    if there.measured_from != "created":
+        source = "as was stated" if there.measured_from == "stated" else "by its run"
+        raise InputError(
+            f"--measured: calibration #{number} is in the register with {there.measured[:10]} "
+            f"{source}, which stays; calibrate again and import the new file with --measured: in "
+            "a history it replaces this one, for both are of one recording",
+            key="--measured",
+        )
+    new = {"measured": time, "measured_from": "stated"}
+    db.execute(update(calibration).where(calibration.c.id == number).values(**new))
+
+
 def _insert_row(db: Connection, table: Table, values: dict[str, Any], who: EntryAuthor) -> int:
     result = db.execute(insert(table).values(**values, **who.columns)).inserted_primary_key
     assert result is not None

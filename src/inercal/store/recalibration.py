@@ -42,6 +42,7 @@ import scipy
 from inercal.comparison.changes import YEAR
 from inercal.comparison.courses import LEAST_FOR_DRIFT
 from inercal.errors import InputError
+from inercal.keys import CoefficientName
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.store.history import CoefficientTrend, SensorHistory
 from inercal.store.type_pool import PooledChange, TypePool
@@ -54,6 +55,7 @@ PROBABILITY = 0.95
 LONGER, SHORTER = 1.1, 0.45
 _LONGEST_RATIO = 2.0
 _HORIZON = 100.0  # years
+_LEAST = 3  # calibrations for a prediction by themselves
 _HOUR = 3600.0
 
 
@@ -90,6 +92,8 @@ class CoefficientInterval:
         sensor's own calibrations.
     is_apart : bool
         Whether its calibrations scatter otherwise than those of its type, so that no pool is taken.
+    expanded : float or None
+        U predicted for a use right after the newest calibration, SI; None without a prediction.
     """
 
     name: str
@@ -100,6 +104,7 @@ class CoefficientInterval:
     hours: float | None = None
     sensors: int = 0
     is_apart: bool = False
+    expanded: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +212,12 @@ def recalibration(
             "remove --like",
             key="--like",
         )
+    if (
+        pool is not None
+        and len(history.entries) < _LEAST
+        and pool.sensors == (history.sensor.name,)
+    ):
+        pool = None  # two calibrations of this sensor alone do not tell scatter from drift
     hours = history.operating_hours
     rows = tuple(
         _interval(
@@ -231,9 +242,11 @@ def coefficient_limits(
 ) -> dict[str, CoefficientLimit]:
     """Return the limits by full name: those stated, else the tolerances of the newest."""
     newest = history.entries[-1].calibration
+    is_turned = history.calibrations[-1].frame != newest.frame  # its limits are of its own frame
     found = {
         one.name: CoefficientLimit(one.lower, one.upper)
         for one in (() if newest.conformity is None else newest.conformity.limits)
+        if not (is_turned and CoefficientName(one.name).parts[1] in ("delta_o", "delta_p"))
     }
     names = {one.name for one in history.trends}
     for word, text in stated.items():
@@ -287,13 +300,14 @@ def _interval(
     gaps = np.diff(trend.time)
     apart = gaps > 0
     steps = np.abs(np.diff(trend.values))
-    prediction = chart = staircase = None
+    prediction = chart = staircase = expanded = None
     newest = float(trend.values[-1])
     is_apart = pooled is not None and not pooled.is_of_type(trend)
     if is_apart:
         pooled = None
     if pooled is not None or trend.courses is not None:
         prediction = _longest(trend, limit, pooled)
+        expanded = _expanded(trend, pooled, 0.0)
     room = min(limit.expanded, limit.upper - newest, newest - limit.lower)
     rates = list(steps[apart] / gaps[apart]) + ([] if pooled is None else [pooled.rate])
     if rates and isfinite(room):
@@ -310,7 +324,7 @@ def _interval(
     return CoefficientInterval(
         trend.name, limit, prediction, chart, staircase,
         None if used is None else _longest(used, limit) * YEAR / _HOUR,
-        0 if pooled is None else pooled.sensors, is_apart,
+        0 if pooled is None else pooled.sensors, is_apart, expanded,
     )  # fmt: skip
 
 
@@ -335,6 +349,14 @@ def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> Coeff
     )
 
 
+def _expanded(trend: CoefficientTrend, pooled: PooledChange | None, years: float) -> float:
+    """Return U some years after the newest calibration, of the sensor or of its type, SI."""
+    if pooled is None:
+        return expanded_after(trend, years)
+    own, shared = float(trend.independent_variance[-1]), float(trend.shared[-1, -1])
+    return pooled.expanded_after(own, shared, years)
+
+
 def _longest(
     trend: CoefficientTrend, limit: CoefficientLimit, pooled: PooledChange | None = None
 ) -> float:
@@ -343,11 +365,7 @@ def _longest(
     slope = courses.line.slope.slope if courses is not None and courses.drifts else 0.0
 
     def room(years: float) -> float:
-        if pooled is None:
-            expanded = expanded_after(trend, years)
-        else:
-            own, shared = float(trend.independent_variance[-1]), float(trend.shared[-1, -1])
-            expanded = pooled.expanded_after(own, shared, years)
+        expanded = _expanded(trend, pooled, years)
         if isfinite(limit.expanded):
             return limit.expanded - expanded - abs(slope) * years
         value = np.array([trend.values[-1] + slope * years])

@@ -1,9 +1,11 @@
 """The next calibration in words and rounded figures."""
 
+from datetime import datetime
 from math import isfinite
 
 from inercal.comparison.changes import YEAR
 from inercal.store.recalibration import CoefficientInterval, Recalibration
+from inercal.units import format_value_and_uncertainty
 
 _DAY = 86_400.0
 
@@ -25,8 +27,9 @@ def limit_text(found: Recalibration, one: CoefficientInterval) -> str:
 
 def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return heads and cells of the intervals of each coefficient, after its name and limit."""
-    heads = ["prediction, days", "chart", "staircase"]
+    heads = ["predicted U now", "prediction, days", "chart", "staircase"]
     columns = [
+        [expanded_text(found, one) for one in found.rows],
         [interval_text(one.prediction) for one in found.rows],
         [interval_text(one.chart) for one in found.rows],
         [interval_text(one.staircase) for one in found.rows],
@@ -38,6 +41,48 @@ def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[st
         heads.append("pooled sensors")
         columns.append([str(one.sensors or "") for one in found.rows])
     return tuple(heads), list(zip(*columns, strict=True))
+
+
+def expanded_text(found: Recalibration, one: CoefficientInterval) -> str:
+    """Return U of a use right after the newest calibration; empty without a prediction."""
+    if one.expanded is None:
+        return ""
+    trend = found.history.trend(one.name)
+    expanded = format_value_and_uncertainty(0.0, one.expanded / trend.si)[1]
+    return f"{expanded} {trend.unit}"
+
+
+def _exceedance_text(found: Recalibration) -> str:
+    """Return which limit is exceeded now, by what."""
+    one = next(row for row in found.rows if row.name == found.decided_by)
+    trend = found.history.trend(one.name)
+    limit, expanded = limit_text(found, one), expanded_text(found, one)
+    if isfinite(one.limit.expanded):
+        text = f"predicted U {expanded} exceeds the limit {limit} on the day of the newest"
+        text += " calibration; it holds the scatter of that calibration and of the use"
+    else:
+        value = format_value_and_uncertainty(
+            float(trend.values[-1]) / trend.si, (one.expanded or 0.0) / trend.si
+        )[0]
+        text = f"{value} with the predicted U {expanded} is within {limit} with less than 95 %"
+    return f"next calibration now: {one.name}: {text}"
+
+
+def _too_few_text(found: Recalibration) -> str:
+    """Return why no date is predicted."""
+    entries = found.history.entries
+    count = len(entries)
+    first, last = (datetime.fromisoformat(entries[k].measured) for k in (0, -1))
+    days = (last - first).total_seconds() / _DAY
+    apart = f" {days:.0f} day{'s' * (round(days) != 1)} apart" if count == 2 else ""
+    have = (
+        f"{count} calibration{'s' * (count > 1)}{apart} {'are' if count > 1 else 'is'} too few to "
+        "predict; " if count < 3 else ""
+    )  # fmt: skip
+    return (
+        f"no date of the next calibration: {have}a prediction takes three calibrations or more, or "
+        "sensors of the same type with two each; state [job] model, or name them by --like"
+    )
 
 
 def hours_text(hours: float | None) -> str:
@@ -52,7 +97,8 @@ def _pool_lines(found: Recalibration) -> list[str]:
         count = len(found.history.entries)
         of_type = f" of type {found.pool.type_name}" if found.pool.type_name else ""
         lines.append(
-            f"pooled over {len(found.pool.sensors)} sensors{of_type}: "
+            f"pooled over {len(found.pool.sensors)} sensor"
+            f"{'s' * (len(found.pool.sensors) > 1)}{of_type}: "
             f"{', '.join(found.pool.sensors)}; the sensor itself has {count} "
             f"calibration{'s' * (count > 1)}"
         )
@@ -73,20 +119,16 @@ def recalibration_lines(found: Recalibration) -> list[str]:
             "in the run file, or the largest U by --limit"
         ]
     if found.years is None:
-        return [
-            "no date of the next calibration: a prediction takes three calibrations or more, or "
-            "sensors of the same type with two each; state [job] model, or name them by --like",
-            *_pool_lines(found),
-        ]
+        return [_too_few_text(found), *_pool_lines(found)]
     by = found.decided_by
     reason = (
         "never more than twice the longest interval that was seen"
         if by == "house rule"
-        else f"by the prediction of {by}"
+        else f"{by} is predicted to reach its limit then"
     )
     text = f"next calibration by {found.date}, after {interval_text(found.years)} days: {reason}"
     if found.years == 0:
-        text = f"next calibration now: {by} exceeds its limit by the prediction"
+        text = _exceedance_text(found)
     lines = [text, *_pool_lines(found)]
     if (reading := found.operating_hours) is not None:
         lines.append(f"at the latest at {reading:.0f} operating hours, by the time in use")

@@ -240,7 +240,16 @@ class Register:
     def enter_calibrations(
         self, sources: Sequence[Calibration | str | Path], measured: str | None = None
     ) -> tuple[int, ...]:
-        """Enter several calibrations, all or none; return their numbers."""
+        """Enter several calibrations, all or none; return their numbers.
+
+        One that is there already keeps all but a date that only its file gave: `measured` replaces
+        that.
+
+        Raises
+        ------
+        InputError
+            As `enter_calibration`, or one that is there has another date, stated or of its run.
+        """
         if measured is not None:
             try:
                 to_utc(measured)
@@ -253,10 +262,14 @@ class Register:
         result = [make_document(source) for source in sources]
         kinds = [_bench_kind(one.calibration) for one in result]
         with self._transaction(write_transaction) as db:
-            return tuple(
+            numbers = tuple(
                 insertions.enter_calibration(db, one, kind, measured, self._author())
                 for one, kind in zip(result, kinds, strict=True)
             )
+            if measured is not None:
+                for number in numbers:
+                    insertions.state_date(db, number, measured)
+            return numbers
 
     def issue_certificate(
         self,
