@@ -3,17 +3,18 @@
 import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from tests.program import run_program
 
 from inercal.drafts.default_keys import default_bench_keys
 
 
-def found(content: dict, method: str) -> dict:
+def found(content: dict[str, Any], method: str) -> dict[str, Any]:
     return {one.key: one.value for one in default_bench_keys(content, method)}
 
 
-def hand(**bench: str) -> dict:
+def hand(**bench: str) -> dict[str, Any]:
     return {"sensor": {"accelerometer": {}, "gyro": {}}, "bench": bench, "data": {}}
 
 

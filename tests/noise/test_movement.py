@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.program import run_program
 
+from inercal.arrays import Array
 from inercal.noise.movement import movement
 from inercal.recording import Recording
 
@@ -15,10 +16,10 @@ RATE = 50.0  # Hz
 SECONDS = 600.0
 G = 9.81
 UNITS = ("--set", "sensor.gyro.unit=°/s", "--set", "sensor.accelerometer.unit=m/s²")
-Change = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
+Change = Callable[[Array, Array, Array], None]
 
 
-def rest(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def rest(seed: int = 1) -> tuple[Array, Array]:
     """Return time, and three accelerometers in m/s² beside three gyros in °/s, at rest."""
     rng = np.random.default_rng(seed)
     time = np.arange(round(SECONDS * RATE)) / RATE
@@ -39,54 +40,54 @@ def found(change: Change) -> str:
     return movement(Recording(time, data, channels, ("m/s²",) * 3 + ("°/s",) * 3))
 
 
-def burst(t, f, w):
+def burst(t: Array, f: Array, w: Array) -> None:
     on = (t > 200) & (t < 230)
     vibration = np.sin(2 * np.pi * 17 * t[on])
     f[on] += 5 * vibration[:, None]
     w[on] += 50 * vibration[:, None]
 
 
-def knock(t, f, w):
+def knock(t: Array, f: Array, w: Array) -> None:
     on = (t > 300) & (t < 300.4)
     f[on] += 30
     w[on] += 15 * np.sign(300.2 - t[on])[:, None]
 
 
-def tilt_drift(t, f, w):
+def tilt_drift(t: Array, f: Array, w: Array) -> None:
     angle = np.radians(5) * t / SECONDS
     f[:, 0] += G * np.sin(angle)
     w[:, 1] += 5 / SECONDS
 
 
-def temperature_ramp(t, f, w):
+def temperature_ramp(t: Array, f: Array, w: Array) -> None:
     f += 0.8 * (t / SECONDS)[:, None]
     w += 20 * (t / SECONDS)[:, None]
 
 
-def step_of_a_bias(t, f, w):
+def step_of_a_bias(t: Array, f: Array, w: Array) -> None:
     f[t > 250, 1] += 0.05
     w[t > 250, 1] += 0.5
 
 
-def other_face(t, f, w):
+def other_face(t: Array, f: Array, w: Array) -> None:
     f[t > 400] = f[t > 400][:, [2, 0, 1]]
 
 
-def one_face_for_ten_seconds(t, f, w):
+def one_face_for_ten_seconds(t: Array, f: Array, w: Array) -> None:
     on = (t > 400) & (t < 410)
     f[on] = f[on][:, [2, 0, 1]]
 
 
-def turn_about_gravity(t, f, w):
+def turn_about_gravity(t: Array, f: Array, w: Array) -> None:
     on = (t > 100) & (t < 104)
     w[on, 2] += 90
 
 
-def swing_in_a_hand(t, f, w):
+def swing_in_a_hand(t: Array, f: Array, w: Array) -> None:
     w[:, 2] += 60 * np.cos(2 * np.pi * 0.7 * t)
 
 
-def steps_of_a_rate_table(t, f, w):
+def steps_of_a_rate_table(t: Array, f: Array, w: Array) -> None:
     w[:, 2] += 10 * np.floor(t / 60)
 
 
@@ -111,7 +112,7 @@ def test_gyros_that_turn_are_a_movement_where_gravity_stays(change: Change):
 
 def test_ten_degrees_of_gravity_is_the_limit():
     def tilted(degrees: float) -> Change:
-        def change(t, f, w):
+        def change(t: Array, f: Array, w: Array) -> None:
             later, angle = t > 500, np.radians(degrees)
             f[later, 0] += G * np.sin(angle)
 

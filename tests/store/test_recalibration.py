@@ -61,6 +61,8 @@ def test_the_u_that_exceeds_a_limit_is_stated(history: SensorHistory):
     for row in found.rows:
         trend = history.trend(row.name)
         assert row.expanded == pytest.approx(expanded_after(trend, 0.0))
+        assert row.limit.expanded is not None
+        assert row.expanded is not None
         assert row.expanded > row.limit.expanded
     line = recalibration_lines(found)[0]
     assert found.decided_by in line
