@@ -88,11 +88,11 @@ def test_dates_stand_along_any_length_of_time(days: float):
 
     from matplotlib.figure import Figure
 
-    from inercal.report.drawing import date_locator
+    from inercal.report.drawing import date_ticks
 
     for start in (20_000.0, 20_111.3, 20_240.0):
         axes = Figure().add_subplot()
-        locator = date_locator()
+        locator = date_ticks()
         axes.xaxis.set_major_locator(locator)
         axes.set_xlim(start, start + days)
         with warnings.catch_warnings():

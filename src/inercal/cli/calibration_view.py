@@ -13,7 +13,7 @@ from inercal.comparison import Comparison
 from inercal.comparison.comparison_text import (
     comparison_lines,
     format_en,
-    run_to_run_hint,
+    repeatability_lines,
     run_to_run_lines,
 )
 from inercal.comparison.run_to_run import RunToRun
@@ -74,7 +74,7 @@ def print_comparison(
     if ordinary is not None:
         further = run_to_run_lines(ordinary)
     elif compared.first.sensor.name == compared.second.sensor.name:
-        further = run_to_run_hint(compared.exceedances, compared.joint_test)
+        further = repeatability_lines(compared.exceedances, compared.joint_test)
     else:
         further = []
     for line in further:

@@ -87,7 +87,7 @@ def run_to_run_lines(found: RunToRun) -> list[str]:
     return lines
 
 
-def run_to_run_hint(exceedances: int, joint: JointTest | None) -> list[str]:
+def repeatability_lines(exceedances: int, joint: JointTest | None) -> list[str]:
     """Return where the scatter from run to run is judged, for a change that may be no more."""
     is_changed = exceedances > 0 or (joint is not None and joint.p_value < _CHANCE)
     return [RUN_TO_RUN_NOTE] if is_changed else []

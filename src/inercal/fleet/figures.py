@@ -132,7 +132,7 @@ def control_figure(centre: float, charts: Sequence[ControlChart], name: str, tim
     for axes, chart in zip(panels, charts, strict=False):
         _draw_chart(axes, centre, chart)
         if timed:
-            locator = drawing.date_locator()
+            locator = drawing.date_ticks()
             axes.xaxis.set_major_locator(locator)
             axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
     for axes in panels[len(charts) :]:

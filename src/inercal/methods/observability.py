@@ -17,6 +17,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
+from inercal.keys import CoefficientName
 from inercal.plan import HandStep, Hold, Turn
 from inercal.sensors import Sensor
 
@@ -112,7 +113,7 @@ def not_observed_error(
     turns = [step for step in missing if isinstance(step, Turn)]
     gyros = set(sensor.select_axes("w").coefficients)
     if turns and gyros.issuperset(named):
-        axes = ", ".join(dict.fromkeys(name.partition(".")[0] for name in named))
+        axes = ", ".join(dict.fromkeys(CoefficientName(name).axis for name in named))
         few = len(named) <= _MOST_NAMED
         listed = ", ".join(named) if few else f"{len(named)} coefficients of {axes}"
         return NotObserved(

@@ -10,7 +10,7 @@ covariances and scatter, and W = V⁻¹, the mean is θ̂ = A⁻¹ XᵀWy, A = X
 u_B is that of errors which sessions share, L = A⁻¹ XᵀW P / u_q for each determination: no number of
 sessions lowers it. q is the weighted scatter about the mean over its expectation (Hartung and Knapp
 2001). Like axes share a variance; an axis that scatters more by itself takes its own, where its
-sessions' own uncertainties do not explain that (`own_scatter`). t_ν has the coverage of 2u, with
+sessions' own uncertainties do not explain that (`single_scatter`). t_ν has the coverage of 2u, with
 ν = m (n − 1) of m like axes and n levels.
 
 Sources: JCGM 100:2008, G.4; Hartung and Knapp, Statistics in Medicine 20 (2001), 3875–3889;
@@ -26,7 +26,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.repeatability.effects import NamedEffect, Owner, Scope, named_effects, scatter
-from inercal.repeatability.session_findings import findings, own_scatter_lines
+from inercal.repeatability.session_findings import findings, single_scatter_lines
 from inercal.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.repeatability.sessions import MatchedSessions, RepeatedSession, match_sessions
 from inercal.uncertainty.conformity import expanded_uncertainty
@@ -119,7 +119,7 @@ class Repeatability:
         own = np.flatnonzero(_scatter_alone(self.fit) > pooled).tolist()
         return (
             *findings(self.fit, self.mount_owner),
-            *own_scatter_lines(self.fit, pooled, own),
+            *single_scatter_lines(self.fit, pooled, own),
         )
 
     @property

@@ -44,7 +44,7 @@ def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
     return found
 
 
-def own_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) -> list[str]:
+def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) -> list[str]:
     """Return which coefficients take their own scatter, with its size and that of like ones.
 
     Parameters
@@ -73,7 +73,7 @@ def own_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) -> 
     ]
 
 
-def unseen_lines(fit: SessionFit) -> list[str]:
+def hidden_scatter_lines(fit: SessionFit) -> list[str]:
     """Return the scatter that the sessions cannot show."""
     return [
         f"{fit.effects[k].name}: one session outweighs the others, which show no scatter beyond "
@@ -125,7 +125,7 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
             for j in outlier_axes(_standardized(fit), _without_rotated(fit))
             if fit.alone.counts[j]
         ]
-    lines += unseen_lines(fit)
+    lines += hidden_scatter_lines(fit)
     if matched.unstated:
         lines.append(
             f"{', '.join(matched.unstated)}: states no errors that calibrations share; all of its "

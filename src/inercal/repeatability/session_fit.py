@@ -11,13 +11,13 @@ import scipy
 
 from inercal.arrays import Array
 from inercal.repeatability.effects import NamedEffect, similar_coefficients
-from inercal.repeatability.own_scatter import (
-    CHANCE,
-    OwnScatter,
-    covariances_by_coefficient,
-    own_scatter,
-)
 from inercal.repeatability.sessions import MatchedSessions
+from inercal.repeatability.single_scatter import (
+    CHANCE,
+    SingleScatter,
+    covariances_by_coefficient,
+    single_scatter,
+)
 from inercal.uncertainty.repeated_measurements import (
     EffectVariances,
     RandomEffect,
@@ -54,7 +54,7 @@ class SessionFit:
         Covariance of the mean by what is shared.
     gain : (p, k p) array
         Derivatives of the mean by all values.
-    alone : OwnScatter
+    alone : SingleScatter
         Of each coefficient by itself.
     unseen : tuple of int
         Effects that the sessions do not show: one session outweighs the others, and these scatter
@@ -73,7 +73,7 @@ class SessionFit:
     inverse: Array
     shared: Array
     gain: Array
-    alone: OwnScatter
+    alone: SingleScatter
     unseen: tuple[int, ...]
 
     @property
@@ -109,7 +109,7 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
         if not one.is_common:  # what all sessions share moves them alike
             known += np.outer(column, column)
     by_coefficient = covariances_by_coefficient(matched, own, unit)
-    alone = own_scatter(values, by_coefficient)
+    alone = single_scatter(values, by_coefficient)
     unseen = _unseen_effects(effects, by_coefficient, alone)
     variances = _seen_variances(values, known, scaled, unseen)
     total = block_matrix(_weighting(matched, square))
@@ -133,7 +133,7 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
 
 
 def _unseen_effects(
-    effects: tuple[NamedEffect, ...], by_coefficient: Array, alone: OwnScatter
+    effects: tuple[NamedEffect, ...], by_coefficient: Array, alone: SingleScatter
 ) -> tuple[int, ...]:
     """Return the effects of which the sessions say nothing at the size that matters.
 

@@ -154,7 +154,7 @@ def draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_])
 
 def draw_dates(axes: Axes) -> None:
     """Give the axis of time, in days since 1970, its dates."""
-    locator = drawing.date_locator()
+    locator = drawing.date_ticks()
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(
         ConciseDateFormatter(locator, formats=_FORMATS, zero_formats=_FORMATS, show_offset=False)

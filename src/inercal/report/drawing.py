@@ -199,7 +199,7 @@ def name_positions(
         axes.text(k, 0, labels[k], transform=under, rotation=angle, va=top, ha=centre)
 
 
-def date_locator() -> AutoDateLocator:
+def date_ticks() -> AutoDateLocator:
     """Return the places of at most six dates along an axis.
 
     Two at least: from three on, matplotlib has no interval for ten weeks, nor for 31 months.

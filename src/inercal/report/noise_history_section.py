@@ -106,7 +106,7 @@ def _draw(axes: Axes, found: Sequence[NoiseTrend]) -> None:
     axes.set_xlim(first - 0.5 * span, last + 0.5 * span)
     axes.set_ylim(bottom=0)
     axes.grid(axis="y", color=FAINT, lw=0.3)
-    locator = drawing.date_locator()
+    locator = drawing.date_ticks()
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
     drawing.add_legend(axes)

@@ -233,7 +233,7 @@ def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name
     for axes, trend in zip(panels, found, strict=False):
         _draw_trend(axes, trend, first)
         axes.set_xlim(first - margin, last + margin)
-        locator = drawing.date_locator()
+        locator = drawing.date_ticks()
         axes.xaxis.set_major_locator(locator)
         formatter = ConciseDateFormatter(
             locator, formats=_FORMATS, zero_formats=_ZERO_FORMATS, show_offset=False

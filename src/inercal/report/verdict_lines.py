@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from inercal.calibration.verdict import UNDETECTED_END, UNDETECTED_START
+from inercal.keys import CoefficientName
 from inercal.sensors.coefficient_tables import TABLES
 
 _COMMA = re.compile(r", (?![^(]*\))")  # outside brackets
@@ -40,7 +41,7 @@ def _line(text: str) -> VerdictLine:
 
 def _cause(text: str) -> tuple[str, str, str]:
     name, _, size = text.removesuffix(")").partition(" (")
-    term = name.rpartition(".")[2]
+    term = CoefficientName(name).term
     meaning = next(
         (one.meaning for table in TABLES.values() for one in table if one.name == term), ""
     )

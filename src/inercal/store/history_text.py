@@ -6,7 +6,7 @@ from inercal.comparison.comparison_text import (
     SHARED_NOTE,
     exceedance_text,
     joint_test_text,
-    run_to_run_hint,
+    repeatability_lines,
     run_to_run_lines,
 )
 from inercal.comparison.courses import LEAST_FOR_DRIFT, Course
@@ -82,7 +82,7 @@ def history_lines(history: SensorHistory) -> list[str]:
     if (ordinary := newest_run_to_run(history)) is not None:
         lines += run_to_run_lines(ordinary)
     elif history.comparison_count:
-        lines += run_to_run_hint(history.exceedances, history.newest_joint_test)
+        lines += repeatability_lines(history.exceedances, history.newest_joint_test)
     if any(one.line is not None for one in history.trends):
         lines.append("without any change, about one coefficient in 20 is not called steady")
     if history.comparison_count:

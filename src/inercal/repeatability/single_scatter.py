@@ -28,7 +28,7 @@ _LEAST = 1e-3  # σ relative to the spread of the values, next to 0
 
 
 @dataclass(frozen=True, eq=False)
-class OwnScatter:
+class SingleScatter:
     """The scatter of each coefficient by itself.
 
     Parameters
@@ -56,7 +56,7 @@ class OwnScatter:
         return self.chance < CHANCE_IN_NEXT_USE
 
 
-def own_scatter(values: Array, covariance: Array) -> OwnScatter:
+def single_scatter(values: Array, covariance: Array) -> SingleScatter:
     """Return the scatter of each coefficient by itself.
 
     Parameters
@@ -70,7 +70,7 @@ def own_scatter(values: Array, covariance: Array) -> OwnScatter:
     for j in range(size):
         found[:2, j] = _restricted(values[:, j], covariance[j])
     found[2] = scipy.special.chdtrc(k - 1, found[1])
-    return OwnScatter(found[0], found[1], found[2])
+    return SingleScatter(found[0], found[1], found[2])
 
 
 def covariances_by_coefficient(matched: MatchedSessions, own: Array, unit: Array) -> Array:
