@@ -45,8 +45,8 @@ quick: $(INSTALLED)  ## the core's tests, in a minute
 	$(BIN)/python -m pytest $(ONE_MORE) $(QUICK) \
 	  $(foreach path,$(NOT_QUICK),--ignore-glob=$(path))
 
-# Marked tests beside one another, then with nothing beside those that tell how soon something
-# answers. What fails is run once more, alone: that tells a fault from a machine that stood still.
+# Several processes run the tests; those that measure how soon something answers run last, alone.
+# A test that fails is run once more, alone: that tells a fault from a machine that stood still.
 # Draws are seeded, so no number passes the second time.
 define run_tests
 	$(BIN)/python -m pytest -m "$(1) and not wall_time" $(ONE_MORE) tests $(2) || { [ $$? = 1 ] && \

@@ -1,4 +1,4 @@
-"""What `inercal store import` enters, and says of it."""
+"""The entries of `inercal store import`, and its messages."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any

@@ -1,8 +1,8 @@
 """Tasks in several processes: this one, and others that start when the work is long enough.
 
-The first tasks run here and show how long a task takes. Where those that wait would take long,
-other processes start, or at once where their number was asked for; until they are ready and
-afterwards, this one goes on with tasks as well.
+The first tasks run here and show how long a task takes. Other processes start where the waiting
+tasks would take long, or at once where the user states their number. This process computes tasks
+too, before the others are ready and afterwards.
 """
 
 import pickle

@@ -214,12 +214,13 @@ class TurnVerdict(NamedTuple):
     Parameters
     ----------
     turns : int
+        How many were read.
     agree : bool or None
         Whether they agree as recorded; None where nothing can be said.
     unique : bool
         Whether exactly one order and sign of the axes agrees.
     misfit : float
-        Median of it, rad.
+        Median angle between predicted and measured gravity, rad.
     changes : tuple of str
         What would make them agree, in words: "az is reversed".
     clear : bool
