@@ -17,7 +17,7 @@ from benchmarks import ROOT, Duration, Row
 REPEAT = 5
 THREADS = "OPENBLAS_NUM_THREADS"
 NO_BYTECODE = "PYTHONDONTWRITEBYTECODE"  # compiles 200 modules in each run, for .15 s
-PROGRAM = (sys.executable, "-c", "from inercal.cli.app import main; main()")
+PROGRAM = (sys.executable, "-m", "inercal")
 
 
 def processor_time(*arguments: str | Path, status: int = 0, **environment: str) -> Duration:

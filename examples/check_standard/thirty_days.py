@@ -58,5 +58,5 @@ with TemporaryDirectory() as folder:
                 job = calibrate(f"JOB-{day}", offset)
                 register.enter_calibration(job, measured=f"{when}T10:00:00")
     verb = ["control", "--sensor", "REF-1", "--register", path, "--out", ".", "--force"]
-    program = [sys.executable, "-c", "from inercal.cli.app import main; main()"]
+    program = [sys.executable, "-m", "inercal"]
     subprocess.run([*program, *verb], check=True)

@@ -44,7 +44,6 @@ subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, check=True)
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(used.ru_utime + used.ru_stime, used.ru_maxrss)
 """
-COMMAND = "from inercal.cli.app import main; main()"
 
 
 class Cost(NamedTuple):
@@ -127,7 +126,7 @@ def measure_command(run: Path) -> Cost:
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     environment["PYTHONPYCACHEPREFIX"] = str(run.parent / "compiled")
     done = subprocess.run(
-        [sys.executable, "-c", MEASURE, sys.executable, "-c", COMMAND, *command],
+        [sys.executable, "-c", MEASURE, sys.executable, "-m", "inercal", *command],
         env=environment,
         capture_output=True,
         text=True,

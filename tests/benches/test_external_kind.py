@@ -146,9 +146,8 @@ def test_the_command_finds_it_by_its_entry_points(tmp_path: Path):
     )
 
     def inercal(*arguments: str) -> str:
-        command = "import sys; from inercal.cli.app import main; sys.exit(main())"
         done = subprocess.run(
-            [sys.executable, "-c", command, *arguments],
+            [sys.executable, "-m", "inercal", *arguments],
             cwd=work,
             env={**os.environ, "PYTHONPATH": str(site)},
             capture_output=True,

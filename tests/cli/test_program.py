@@ -32,8 +32,7 @@ VERBS = (
 
 def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     # What the installed script does, without relying on where it was installed.
-    start = "from inercal.cli.app import main; main()"
-    command = [sys.executable, "-c", start, *map(str, arguments)]
+    command = [sys.executable, "-m", "inercal", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
 
 

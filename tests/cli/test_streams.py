@@ -13,7 +13,7 @@ from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.calibration.files import load
 
-START = (sys.executable, "-c", "from inercal.cli.app import main; main()")
+START = (sys.executable, "-m", "inercal")
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.estimate import Candidate, score_tests
+from inercal.estimate.candidate_scores import rows_from_products
 from inercal.estimate.kalman import FilterSteps, predict, update
 from inercal.estimate.omitted_constants import OmittedSums, omitted_constant_sums
-from inercal.estimate.scores import rows_from_products
 
 Array = NDArray[np.float64]
 N, K, M, EPOCHS = 6, 2, 3, 8  # states, driven ones, observations, epochs

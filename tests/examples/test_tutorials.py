@@ -82,7 +82,7 @@ def test_a_tutorial_is_done_as_written(empty: Path, name: str):
 
 @pytest.mark.slow
 def test_the_tutorial_of_the_bench_is_done_as_written(empty: Path):
-    program = [sys.executable, "-c", "from inercal.cli.app import main; main()"]
+    program = [sys.executable, "-m", "inercal"]
     bench: subprocess.Popen[str] | None = None
     printed: list[str] = []
     try:

@@ -23,7 +23,7 @@ SHORT = HEAD + (
     "z+,rotation,0,0,0,,outer,90,30\n"
     "rest,position,0,0,0,2,,,\n"
 )
-INERCAL = [sys.executable, "-c", "from inercal.cli.app import main; main()"]
+INERCAL = [sys.executable, "-m", "inercal"]
 Act = Callable[["Interfered"], None]
 
 

@@ -112,9 +112,8 @@ def test_a_killed_terminal_goes_on_where_it_was(run_file: Path, tmp_path: Path):
     whole = tmp_path / "whole.csv"
     measure(run_file, "--out", whole, given=given)
     ours, theirs = pty.openpty()
-    code = "from inercal.cli.app import main; main()"
     with subprocess.Popen(
-        [sys.executable, "-c", code, "measure", str(run_file)],
+        [sys.executable, "-m", "inercal", "measure", str(run_file)],
         stdin=theirs, stdout=theirs, stderr=theirs, close_fds=True,
     ) as program:  # fmt: skip
         os.close(theirs)

@@ -142,9 +142,8 @@ def test_the_verb_says_the_same_in_one_line_with_status_2(tmp_path: Path):
         (text.encode("latin-1"), "UTF-8"),
     ):
         run.write_bytes(raw)
-        program = "from inercal.cli.app import main; main()"
         done = subprocess.run(
-            [sys.executable, "-c", program, "calibrate", str(run), "--no-report"],
+            [sys.executable, "-m", "inercal", "calibrate", str(run), "--no-report"],
             cwd=tmp_path,
             capture_output=True,
             text=True,

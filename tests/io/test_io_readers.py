@@ -24,7 +24,6 @@ from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]
 SIX = (ROOT / "examples/six_position/run.toml").read_text(encoding="utf-8")
-PROGRAM = "from inercal.cli.app import main; main()"
 POSITIONS = ROOT / "examples/six_position/positions.csv"
 
 
@@ -239,7 +238,7 @@ def test_an_installed_package_brings_a_reader(tmp_path: Path):
     (site / "their_log.py").write_text(page(), encoding="utf-8")
     run = six_positions(tmp_path, 'topic = "lab"')
     made = subprocess.run(
-        [sys.executable, "-c", PROGRAM, "calibrate", str(run), "--no-report"],
+        [sys.executable, "-m", "inercal", "calibrate", str(run), "--no-report"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(site)},
         capture_output=True,

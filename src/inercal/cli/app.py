@@ -127,7 +127,7 @@ def main() -> None:
 def _run() -> int:
     """Run the program and return its exit status."""
     try:
-        status: int | None = app(standalone_mode=False)
+        status: int | None = app(standalone_mode=False, prog_name="inercal")
         return status or 0
     except TyperException as error:
         if text := error.format_message():  # else it has printed the help

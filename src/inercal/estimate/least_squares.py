@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate import gauss_newton_steps, nullspace
+from inercal.estimate.candidate_scores import score_tests
 from inercal.estimate.lazy_value import LazyValue
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
-from inercal.estimate.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, score_tests
+from inercal.estimate.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet
 from inercal.estimate.search import Bools, merge, search
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 

@@ -26,7 +26,7 @@ Journal of Educational Psychology 75, 76–81 (weighted Bonferroni).
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Literal, NamedTuple
@@ -43,15 +43,8 @@ Kind = Literal["coefficient", "bench", "row", "time"]
 SIGNIFICANCE_LEVEL = 0.01  # of all tests of one estimate together
 SCORE_TEST_SHARE = 0.8  # of the level, for the scores; the rest is for χ² and the method's tests
 PARALLEL_COSINE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
-_ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
-_FEW_COLUMNS = 1000  # whose span is worked out
-_NUMBERS = 3_000_000  # in them, at most: they are kept together for it
-_MANY = 5000  # rows, beyond which fewer dimensions stand for them
-_VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
 _MOST = 6  # directions, for the share of the level
-# Least share of a candidate's column that the fit leaves to the residuals
-_MIN_RESIDUAL_SHARE = 1e-6
 
 
 def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> float:
@@ -272,124 +265,3 @@ def _level_weight(dof: int) -> float:
 
 
 NO_SCORE_TESTS = LazyValue(ScoreTestSet)
-
-
-def score_tests(
-    residual: Array, jacobian: Array, candidates: Iterable[Candidate], to: Array | None = None
-) -> ScoreTestSet:
-    """Return the score tests of candidates.
-
-    Parameters
-    ----------
-    residual : (m,) array
-        Whitened, at the solution; rows of priors included.
-    jacobian : (m, p) array
-        ∂h/∂x of the same rows, whitened.
-    candidates : iterable of Candidate
-        With whitened rows, (m, k); zero in the rows of priors. Their `moved`, where it is given,
-        is of the parameters whose shift is wanted.
-    to : (q, p) array, optional
-        From the p coordinates of `jacobian` to the parameters whose shift is wanted.
-    """
-    dof = len(residual) - jacobian.shape[1]
-    if len(residual) > _MANY and isinstance(candidates, Sequence):
-        residual, jacobian, candidates = _rotate_rows(residual, jacobian, candidates)
-    size_of = np.linalg.norm(jacobian, axis=0)
-    size_of = np.where(size_of > 0, size_of, 1.0)
-    q, triangle = np.linalg.qr(jacobian / size_of)
-    back = np.linalg.pinv(triangle) / size_of[:, None]
-    result: list[ScoreTest] = []
-    spanned: list[Array] = []
-    columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // max(len(residual), 1))
-    for one in candidates:
-        length = np.linalg.norm(one.rows, axis=0)
-        unit = 1 / np.where(length > 0, length, 1.0) if one.largest is None else one.largest
-        columns = one.rows * unit
-        taken = q.T @ columns
-        left = columns - q @ taken
-        left -= q @ (q.T @ left)  # once more: what is left may be a millionth of the column
-        u, s, v = np.linalg.svd(left, full_matrices=False)
-        least = _MIN_RESIDUAL_SHARE * np.max(length * unit, initial=0.0)
-        shown = s > (least if one.largest is None else max(least, _VISIBLE))
-        k = int(shown.sum())
-        u, s, v = u[:, :k], s[:k], v[:k]
-        t = u.T @ residual
-        size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
-        # Of what is not shown: how far the largest plausible sizes would move the estimate.
-        moves = size[:, None] if k else np.eye(len(unit))
-        shifts = back @ (taken @ moves)
-        shifts = shifts if to is None else to @ shifts
-        if one.moved is not None:
-            shifts = one.moved @ (unit[:, None] * moves) + (shifts if shifts.size else 0.0)
-        shift = shifts[:, 0] if k else np.linalg.norm(shifts, axis=1)
-        open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
-        columns_of += k
-        if columns_of <= few:
-            spanned.append(u)
-        at = np.flatnonzero(np.any(columns != 0.0, axis=1))
-        result.append(
-            ScoreTest(
-                one.name,
-                one.kind,
-                one.components,
-                one.units,
-                np.where(open_, np.nan, size * unit),
-                np.where(open_, np.nan, sd * unit),
-                float(t @ t),
-                k,
-                shift,
-                ExplainedResidual(at, columns[at] @ size, taken @ size),
-            )
-        )
-    # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
-    span = _rank(spanned) if columns_of <= few else min(columns_of, dof)
-    return ScoreTestSet(tuple(result), span, float(residual @ residual), dof)
-
-
-def _rotate_rows(
-    residual: Array, jacobian: Array, candidates: Sequence[Candidate]
-) -> tuple[Array, Array, list[Candidate]]:
-    """Return the same in as many dimensions as there are columns, all products being kept."""
-    column: dict[str, Array] = {}
-    for one in candidates:
-        column |= dict(zip(one.components, one.rows.T, strict=True))
-    at = {name: 1 + jacobian.shape[1] + k for k, name in enumerate(column)}
-    whole = np.concatenate([residual[:, None], jacobian, np.array(list(column.values())).T], axis=1)
-    r = np.asarray(np.linalg.qr(whole, mode="r"))
-    return (
-        r[:, 0],
-        r[:, 1 : 1 + jacobian.shape[1]],
-        [replace(one, rows=r[:, [at[name] for name in one.components]]) for one in candidates],
-    )
-
-
-def rows_from_products(gram: Array, product: Array) -> tuple[Array, Array]:
-    """Return a residual (d,) and c columns (d, c) whose products are as given.
-
-    They are the coordinates of m whitened rows in an orthonormal basis of the d directions that
-    the columns span: no score needs more of the rows.
-
-    Parameters
-    ----------
-    gram : (c, c) array
-        Products of the columns with each other.
-    product : (c,) array
-        Of the columns with the residual.
-    """
-    length = np.sqrt(np.diagonal(gram))
-    length = np.where(length > 0, length, 1.0)
-    values, vectors = np.linalg.eigh(gram / np.outer(length, length))
-    kept = values > _ROUNDING * len(values)
-    root, basis = np.sqrt(values[kept]), vectors[:, kept]
-    return (basis.T @ (product / length)) / root, (root[:, None] * basis.T) * length
-
-
-def _rank(spaces: Sequence[Array]) -> int:
-    """Return the dimension of the sum of spaces, each by an orthonormal basis (m, k)."""
-    columns = [space for space in spaces if space.shape[1]]
-    if not columns:
-        return 0
-    whole = np.concatenate(columns, axis=1)
-    gram = whole @ whole.T if whole.shape[0] <= whole.shape[1] else whole.T @ whole
-    values = np.linalg.eigvalsh(gram)
-    return int(np.sum(values > 1e-9 * values[-1]))

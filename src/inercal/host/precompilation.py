@@ -34,6 +34,7 @@ from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state
 from inercal.motion import Motion
+from inercal.process_settings import prepare_process
 from inercal.recording import Track
 from inercal.runfile import Run, read
 from inercal.sensors import G0, Sensor
@@ -222,4 +223,5 @@ def _rest_track(sensor: Sensor, table: Turntable) -> Track:
 
 
 if __name__ == "__main__":
+    prepare_process()
     _follow_part(read(Path(sys.argv[1])), "f")

@@ -11,6 +11,8 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from threading import Thread
 from typing import Any
 
+from inercal.process_settings import prepare_process
+
 # As many processes as cores: threads of linear algebra would only wait for one another.
 _THREAD_VARIABLES = (
     "OPENBLAS_NUM_THREADS",
@@ -35,6 +37,7 @@ class WorkerProcess(SpawnProcess):
     def run(self) -> None:
         """Compute until the parent ends."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be blocked
+        prepare_process()
         Thread(target=_end_with_parent, daemon=True).start()
         super().run()
 

@@ -107,7 +107,10 @@ def _residual_table(outcome: Outcome) -> _ResidualTable:
     found = [(one[1], one[2]) for one in named if one is not None]
     if len(found) == estimate.whitened.size:
         parts, rows = (list(dict.fromkeys(pair[k] for pair in found)) for k in (0, 1))
-        at = tuple(np.array([(rows.index(row), parts.index(part)) for part, row in found]).T)
+        number_of_row, number_of_part = (
+            {name: k for k, name in enumerate(one)} for one in (rows, parts)
+        )
+        at = tuple(np.array([(number_of_row[row], number_of_part[part]) for part, row in found]).T)
         whitened, plain = (np.full((len(rows), len(parts)), np.nan) for _ in range(2))
         whitened[at], plain[at] = estimate.whitened, estimate.residual
     else:

@@ -153,9 +153,8 @@ def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool 
         flat = columns.reshape(len(columns), -1)
         line = np.zeros((band.shape[1], flat.shape[1]))
         line[place] = flat[0 if norms else r :]
-        white: Array = np.asarray(
-            scipy.linalg.solve_banded((_BLOCK_ROWS - 1, 0), factor, line), dtype=np.float64
-        )
+        # `solve_banded` would factorise the triangle once more for each call.
+        white: Array = scipy.linalg.lapack.dtbtrs(factor, line, uplo="L", overwrite_b=True)[0]
         return white[place].reshape(-1, *columns.shape[1:])
 
     return whiten

@@ -8,6 +8,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.estimate import ModelTest, ScoreTestSet, score_tests
+from inercal.estimate.candidate_scores import rows_from_products
 from inercal.estimate.innovations import (
     epoch_groups,
     group_innovations,
@@ -16,7 +17,6 @@ from inercal.estimate.innovations import (
 )
 from inercal.estimate.kalman import FilterSteps
 from inercal.estimate.omitted_constants import OmittedSums, omitted_constant_sums
-from inercal.estimate.scores import rows_from_products
 from inercal.methods import temperature
 from inercal.methods.turntable import score_columns as columns
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn, ConstantColumns
