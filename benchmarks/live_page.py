@@ -43,11 +43,10 @@ def serving(folder: Path) -> Iterator[tuple[int, str]]:
     """Serve the page of a bench that is simulated in real time; give its process and address."""
     for name in ("demo.toml", "demo_path.csv"):
         (folder / name).write_bytes(files("inercal").joinpath(name).read_bytes())
-    command = "from inercal.cli.app import main; main()"
     where = ["--plans", str(folder), "--runs", str(folder / "runs"), "--port", "0"]
     where += ["--register", str(folder / "register.db"), "--speed", "1"]
     process = subprocess.Popen(
-        [sys.executable, "-c", command, "bench", "serve", *where],
+        [sys.executable, "-m", "inercal", "bench", "serve", *where],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

@@ -8,7 +8,7 @@ import { makeZoom, zoomButtons } from "./plot.js";
 import { Ring } from "./ring.js";
 import { calm } from "./theme.js";
 
-const OFTEN = 80; // ms between pictures
+const OFTEN = 32; // ms between pictures, on average
 const CALM = 400; // ms between them where the device asks for little motion
 const HEIGHT = 214; // px
 
@@ -23,7 +23,7 @@ export function makeCharts(theme, marks) {
   let charts = [];
   let span = 10; // s that are in sight
   let every = 1;
-  let drawn = 0; // ms: when that was
+  let drawn = 0; // ms: when that was due
   let stale = false;
 
   tools.append(...zoomButtons("Last 10 s"));
@@ -68,10 +68,12 @@ export function makeCharts(theme, marks) {
 
   /** Draw what is in sight, moved on a little; return 1 when the picture changed. */
   function frame(now) {
-    if (!ring?.end || now - drawn < (calm.matches ? CALM : OFTEN)) return 0;
+    const pause = calm.matches ? CALM : OFTEN;
+    if (!ring?.end || now - drawn < pause) return 0;
     const moved = head.move(now) && !zoom.zoomed;
     if (!stale && !moved) return 0;
-    [stale, drawn] = [false, now];
+    // After a picture that came late the next one comes sooner.
+    [stale, drawn] = [false, Math.max(drawn + pause, now - pause)];
     const [from, to] = zoom.shown;
     const means = every > 1 ? `, means of ${every} samples` : "";
     const last = `last ${span} s`;
