@@ -11,7 +11,7 @@ _INTRODUCTION = """# Speed
 `make bench` writes this page: all rows are measured in one run on one machine. `ours` is compared
 with the `peer`, another program for the same work and the same answer, or a limit. The ratio is the
 peer's size over ours: more is better. Wall and processor time are of our work, of all its
-processes, where both were measured.
+processes, where both were measured. All run in processes that are prepared as the program's.
 """
 
 
