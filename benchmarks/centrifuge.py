@@ -7,15 +7,16 @@ by its default method (trf) and its fastest (lm), at its default tolerances and 
 it takes all rows of a trial at once and the root by its closed formula. Both whiten by the noise
 that belongs to the coefficients of the step.
 
-With k3 and non-orthogonality there are 15 coefficients, in attitudes all round; a limit is given.
-Of nine coefficients the limit is centrifuge.cpp, where a compiler is.
+With k3 and non-orthogonality there are 15 coefficients, in attitudes all round; the root is then
+Newton's. Of nine coefficients the limit is centrifuge.cpp, where a compiler is.
 """
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,10 @@ SENSOR = replace(triad().with_coefficients("k0", "k1", "k2"), form="tilted")
 SENSOR_15 = replace(
     triad().with_coefficients("k0", "k1", "k2", "k3", "nonorthogonality"), form="tilted"
 )
+# Where `SENSOR_15.coefficients` has k0 to k3 of each axis, and the angles delta_p of y, delta_o and
+# delta_p of z: the axes that they tilt, towards what other one, and with what sign.
+_OF_AXES = np.array([[0, 1, 2, 3], [4, 5, 7, 8], [9, 10, 13, 14]])
+_OF_ANGLES, _TILTED, _SIGNS = np.array([6, 11, 12]), ((1, 0), (2, 0), (2, 1)), np.array([-1, 1, -1])
 BENCH = Centrifuge(Measured(PAPER_G, 0.0), Measured(1.0, 0.0), Measured(0.0, 0.0))
 
 
@@ -77,7 +82,67 @@ def ours(y: Array, rates: Array, sensor: Sensor = SENSOR) -> tuple[Array, Array]
     return estimate.value, estimate.covariance
 
 
-def peer(y: Array, rates: Array, method: Literal["trf", "lm"]) -> tuple[Array, Array]:
+class Model(NamedTuple):
+    """For SciPy, of one trial at some coefficients: the modelled norms and their derivatives."""
+
+    length: Array  # (r,)
+    by_reading: Array  # (r, 3)
+    by_coefficient: Array  # (r, p)
+
+
+def model_9(one: Array, x: Array) -> Model:
+    """Return the norms by three coefficients of each axis, axis by axis."""
+    k0, k1, k2 = x.reshape(3, 3).T
+    u = one - k0
+    root = np.sqrt((1 + k1) ** 2 + 4 * k2 * u)  # the slope ∂y/∂f, too
+    f = 2 * u / (1 + k1 + root)
+    length = np.sqrt((f * f).sum(axis=1))
+    along = f / (length[:, None] * root)  # ∂‖f̂‖/∂y
+    columns = np.empty((*f.shape, 3))
+    np.negative(along, out=columns[..., 0])
+    np.multiply(columns[..., 0], f, out=columns[..., 1])
+    np.multiply(columns[..., 1], f, out=columns[..., 2])
+    return Model(length, along, columns.reshape(len(f), 9))
+
+
+def model_15(one: Array, x: Array) -> Model:
+    """Return the norms by four coefficients of each axis, and the tangents of three angles.
+
+    The order is that of `SENSOR_15.coefficients`; an input axis is tilted towards the others.
+    """
+    k0, k1, k2, k3 = x[_OF_AXES].T
+    u = one - k0
+    f = u / (1 + k1)
+    for _ in range(3):
+        f -= (((k3 * f + k2) * f + 1 + k1) * f - u) / ((3 * k3 * f + 2 * k2) * f + 1 + k1)
+    slope = (3 * k3 * f + 2 * k2) * f + 1 + k1
+    rows = np.eye(3)
+    rows[1, 0], rows[2, 0], rows[2, 1] = x[_OF_ANGLES] * _SIGNS
+    lengths = np.sqrt((rows * rows).sum(axis=1))
+    axes = rows / lengths[:, None]
+    back = np.linalg.inv(axes)
+    force = f @ back.T
+    length = np.sqrt((force * force).sum(axis=1))
+    along = (force / length[:, None]) @ back  # ∂‖f̂‖ by what each axis measures
+    by_reading = along / slope
+    columns = np.empty((len(f), 15))
+    power = -by_reading
+    for k in range(4):
+        columns[:, _OF_AXES[:, k]] = power
+        power = power * f
+    for angle, sign, (axis, other) in zip(_OF_ANGLES, _SIGNS, _TILTED, strict=True):
+        turned = (force[:, other] - axes[axis, other] * f[:, axis]) / lengths[axis]
+        columns[:, angle] = -sign * along[:, axis] * turned
+    return Model(length, by_reading, columns)
+
+
+def peer(
+    y: Array,
+    rates: Array,
+    method: Literal["trf", "lm"],
+    model: Callable[[Array, Array], Model] = model_9,
+    count: int = 9,
+) -> tuple[Array, Array]:
     """Return values and covariances of all trials, one after another."""
     norm = np.sqrt((BENCH.radius.value * rates**2) ** 2 + PAPER_G**2)
 
@@ -85,29 +150,19 @@ def peer(y: Array, rates: Array, method: Literal["trf", "lm"]) -> tuple[Array, A
         last: list[Array] = []  # SciPy asks for the residual and then for the Jacobian, at one x
 
         def residual(x: Array) -> Array:
-            k0, k1, k2 = x.reshape(3, 3).T
-            u = one - k0
-            root = np.sqrt((1 + k1) ** 2 + 4 * k2 * u)  # the slope ∂y/∂f, too
-            f = 2 * u / (1 + k1 + root)
-            length = np.sqrt((f * f).sum(axis=1))
-            along = f / (length[:, None] * root)  # ∂‖f̂‖/∂y
-            sd = SD * np.sqrt((along * along).sum(axis=1))
-            last[:] = [x.copy(), f, along / sd[:, None]]
+            length, by_reading, columns = model(one, x)
+            sd = SD * np.sqrt((by_reading * by_reading).sum(axis=1))
+            last[:] = [x.copy(), columns / sd[:, None]]
             return (length - norm) / sd
 
         def derivative(x: Array) -> Array:
             if not np.array_equal(last[0], x):
                 residual(x)
-            _, f, along = last
-            columns = np.empty((*f.shape, 3))
-            np.negative(along, out=columns[..., 0])
-            np.multiply(columns[..., 0], f, out=columns[..., 1])
-            np.multiply(columns[..., 1], f, out=columns[..., 2])
-            return columns.reshape(len(f), 9)
+            return last[1]
 
         found = scipy_least_squares(
             residual,
-            np.zeros(9),
+            np.zeros(count),
             derivative,  # pyright: ignore[reportArgumentType]  SciPy has no stubs
             method=method,
             x_scale="jac",
@@ -135,34 +190,46 @@ def compiled(y: Array, rates: Array) -> tuple[Array, Array] | None:
 def rows() -> list[Row | Skipped]:
     """Compare the answers, then the times; the peer's time is of fewer trials, scaled up."""
     y, rates = draw(TRIALS, printed_attitudes())
-    few = y[:PEER_TRIALS]
-    value, covariance = ours(y, rates)
-    sd = np.sqrt(np.diagonal(covariance[:PEER_TRIALS], axis1=-2, axis2=-1))
-    methods: dict[str, Callable[[], tuple[Array, Array]]] = {
-        "scipy trf": lambda: peer(few, rates, "trf"),
-        "scipy lm": lambda: peer(few, rates, "lm"),
-    }
-    for work in methods.values():
-        other, other_covariance = work()
-        assert np.abs((value[:PEER_TRIALS] - other) / sd).max() < 1e-4
-        scale = sd[:, :, None] * sd[:, None, :]
-        assert np.abs((covariance[:PEER_TRIALS] - other_covariance) / scale).max() < 1e-4
-    times = {name: best(work, 3) * TRIALS / PEER_TRIALS for name, work in methods.items()}
     label, own = f"centrifuge, 9 coefficients, {TRIALS} trials", best(lambda: ours(y, rates))
-    wanted = {"scipy trf": 75.0, "scipy lm": 75.0}
     compared: list[Row | Skipped] = [
-        Row(label, own, times[name], name, to_reach=wanted[name]) for name in times
+        Row(label, own, other, name, to_reach=75.0)
+        for name, other in peer_times(y, rates, SENSOR, model_9)
     ]
     if (exact := compiled(y, rates)) is None:
         compared.append(Skipped(f"{label}, C++", "no compiler"))
     else:
+        value, covariance = ours(y, rates)
         assert np.abs((value - exact[0]) / np.sqrt(np.diagonal(covariance, 0, -2, -1))).max() < 1e-4
         limit = best(lambda: compiled(y, rates))
         compared.append(Row(label, own, limit, "C++, scalar", to_reach=1 / 4.5))
+    compared.append(Row(f"{label}, after warm-up", own, LIMIT, "limit"))
     y, rates = draw(TRIALS, full_circle())
-    more = best(lambda: ours(y, rates, SENSOR_15))
+    label, own = (
+        f"centrifuge, 15 coefficients, {TRIALS} trials",
+        best(lambda: ours(y, rates, SENSOR_15)),
+    )
     return [
         *compared,
-        Row(f"{label}, after warm-up", own, LIMIT, "limit"),
-        Row(f"centrifuge, 15 coefficients, {TRIALS} trials", more, LIMIT_15, "limit"),
+        *(
+            Row(label, own, other, name, to_reach=60.0)
+            for name, other in peer_times(y, rates, SENSOR_15, model_15)
+        ),
+        Row(label, own, LIMIT_15, "limit"),
     ]
+
+
+def peer_times(
+    y: Array, rates: Array, sensor: Sensor, model: Callable[[Array, Array], Model]
+) -> Iterator[tuple[str, float]]:
+    """Yield SciPy's methods with the time of each for all trials, once its answers agree."""
+    few = y[:PEER_TRIALS]
+    value, covariance = (one[:PEER_TRIALS] for one in ours(y, rates, sensor))
+    sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    scale = sd[:, :, None] * sd[:, None, :]
+    methods: tuple[Literal["trf", "lm"], ...] = ("trf", "lm")
+    for method in methods:
+        work = partial(peer, few, rates, method, model, value.shape[1])
+        other, other_covariance = work()
+        assert np.abs((value - other) / sd).max() < 1e-4
+        assert np.abs((covariance - other_covariance) / scale).max() < 1e-4
+        yield f"scipy {method}", best(work, 3) * TRIALS / PEER_TRIALS

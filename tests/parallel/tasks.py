@@ -65,5 +65,5 @@ def wait_in_two_processes(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    app.app = lambda standalone_mode: wait_in_two_processes(Path(sys.argv[1]))
+    app.app = lambda **_options: wait_in_two_processes(Path(sys.argv[1]))
     app.main()

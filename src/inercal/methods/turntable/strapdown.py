@@ -40,9 +40,8 @@ def product(a: Array, b: Array, out: Array) -> None:
     """Write the product of 3 × 3 matrices."""
     for i in range(3):
         for j in range(3):
-            out[i, j] = 0.0
-            for k in range(3):
-                out[i, j] += a[i, k] * b[k, j]
+            # As one term: each `+=` would wait until the one before is in memory.
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
 @kernel_step
@@ -202,14 +201,14 @@ def correct_reading(
     reading: Array, m: Array, by: Array, phi: Array, added: Indices, u: Array
 ) -> None:
     """Write u = M (reading − what is added beside the part linear in u, of the terms `added`)."""
+    x, y, z = reading[0], reading[1], reading[2]
+    for t in range(added.size):
+        b = added[t]
+        x -= by[b, 0] * phi[b]
+        y -= by[b, 1] * phi[b]
+        z -= by[b, 2] * phi[b]
     for k in range(3):
-        u[k] = 0.0
-    for j in range(3):
-        left = reading[j]
-        for t in range(added.size):
-            left -= by[added[t], j] * phi[added[t]]
-        for k in range(3):
-            u[k] += m[k, j] * left
+        u[k] = m[k, 0] * x + m[k, 1] * y + m[k, 2] * z
 
 
 @kernel_step
