@@ -42,6 +42,7 @@ def score_tests(
     size_of = np.where(size_of > 0, size_of, 1.0)
     q, triangle = np.linalg.qr(jacobian / size_of)
     back = np.linalg.pinv(triangle) / size_of[:, None]
+    back = back if to is None else to @ back
     result: list[ScoreTest] = []
     spanned: list[Array] = []
     columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // max(len(residual), 1))
@@ -56,9 +57,8 @@ def score_tests(
         for one, length, unit in zip(batch, lengths, units, strict=True):
             part = slice(start, start := start + unit.size)
             score, u = _score_test(
-                one, length, unit, columns[:, part], taken[:, part], left[:, part], residual,
-                back if to is None else to @ back,
-            )  # fmt: skip
+                one, length, unit, columns[:, part], taken[:, part], left[:, part], residual, back
+            )
             result.append(score)
             columns_of += score.dof
             if columns_of <= few:
@@ -69,7 +69,7 @@ def score_tests(
 
 
 def _batches(candidates: Iterable[Candidate]) -> Iterator[list[Candidate]]:
-    """Yield candidates by several: their products with all rows then take a tenth of the time."""
+    """Yield candidates by several: products of few columns wait for the memory of all rows."""
     batch: list[Candidate] = []
     numbers = 0
     for one in candidates:
