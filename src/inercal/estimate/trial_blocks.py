@@ -19,7 +19,7 @@ from inercal.estimate.search import search
 from inercal.estimate.whitened_problem import WhitenedProblem
 
 # No power of two: arrays of equal places modulo the size of a cache way would displace one another.
-BLOCK_TRIALS = 1000
+BLOCK_TRIALS = 2000
 _COMPARED = 16  # trials, of which the fits from two starts are compared
 _LEAST_BLOCK = 100  # trials
 _BLOCK_BYTES = 20e6  # of covariances and Jacobians: problems of many parameters have small blocks
