@@ -4,6 +4,7 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
+import pytest
 from tests.host.simulated_runs import plan
 
 from inercal.benches.turntable import require_turntable
@@ -16,6 +17,8 @@ from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.server import ScaledClock, SimulatorServer
 from inercal.runfile import Run
 
+# The script is in the wall's seconds: a machine that stands still skips a motion.
+pytestmark = pytest.mark.wall_time
 Ask = tuple[float, dict[str, Any]]
 
 
