@@ -44,6 +44,6 @@ def test_every_package_states_a_licence():
 
 def test_the_core_needs_the_packages_that_the_page_names():
     direct = {Requirement(one).name for one in requires("inercal") or () if "extra ==" not in one}
-    assert direct == {"numba", "numpy", "pydantic", "rich", "scipy", "typer"}
+    assert direct == {"numba", "numpy", "pydantic", "rich", "scipy", "threadpoolctl", "typer"}
     words = section(TEXT, "The core")
     assert all(f"`{name}`" in words for name in direct)

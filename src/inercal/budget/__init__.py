@@ -7,6 +7,7 @@ error with a prior removes a part of it, or spreads it over other coefficients.
 from dataclasses import dataclass
 
 from inercal.arrays import Array
+from inercal.blas_threads import with_one_thread
 from inercal.budget.contributions import (
     ALL_IMPERFECTIONS,
     ProgressCallback,
@@ -79,6 +80,7 @@ class Budget:
         )
 
 
+@with_one_thread
 def budget(
     experiment: Experiment,
     trials: int = 1000,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.blas_threads import with_one_thread
 from inercal.errors import InputError
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, quantity_of
 from inercal.noise.coefficients import Method
@@ -53,6 +54,7 @@ class AnalysisOptions:
     skipped_bands: tuple[Band, ...]
 
 
+@with_one_thread
 def analyse_noise(
     recording: Recording,
     *,

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.blas_threads import with_one_thread
 from inercal.errors import InputError
 from inercal.noise.analysis import candidate_models
 from inercal.noise.channel_noise import NoiseAnalysis, Quantity, quantity_of
@@ -25,6 +26,7 @@ from inercal.units import si_factor
 _MOST_STREAMS = 48  # channels times pieces; each keeps 3 MB and more
 
 
+@with_one_thread
 def analyse_noise_stream(
     pieces: Iterable[Array],
     dt: float,

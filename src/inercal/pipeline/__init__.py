@@ -15,6 +15,7 @@ from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.report_data import Plot
+from inercal.blas_threads import with_one_thread
 from inercal.calibration import Calibration
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.display import to_html
@@ -131,6 +132,7 @@ class Outcome:
         return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
 
 
+@with_one_thread
 def calibrate(
     data: object,
     progress: "Callable[[Generation], None] | None" = None,

@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from inercal.arrays import Array
+from inercal.blas_threads import with_one_thread
 from inercal.data.recording_loader import reader_columns
 from inercal.errors import InputError
 from inercal.estimate import Estimate
@@ -74,6 +75,7 @@ class BatchCalibration:
         return scipy.special.chdtrc(self.dof, self.chi2) if self.dof else np.ones(len(self.chi2))
 
 
+@with_one_thread
 def calibrate_batch(
     data: Mapping[str, ArrayLike],
     *,

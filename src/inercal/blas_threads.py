@@ -1,0 +1,32 @@
+"""One thread of linear algebra for functions whose matrices are small.
+
+Of two threads one would only wait for the other, and take as much processor time.
+"""
+
+import os
+from collections.abc import Callable
+from functools import wraps
+from importlib import import_module
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_CHOSEN = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def with_one_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Return the function with one thread of linear algebra while it runs, then as before.
+
+    Where an environment variable states the number of threads, that is the user's choice.
+    """
+
+    @wraps(function)
+    def limited(*args: P.args, **options: P.kwargs) -> R:
+        if any(name in os.environ for name in _CHOSEN):
+            return function(*args, **options)
+        import_module("scipy.linalg")  # its library would begin with threads of its own
+        threads: Any = import_module("threadpoolctl")
+        with threads.threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **options)
+
+    return limited
