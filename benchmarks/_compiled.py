@@ -7,7 +7,15 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
+import numpy as np
+from numpy.typing import NDArray
+
 _FLAGS = ("-O3", "-march=native", "-ffast-math", "-shared", "-fPIC", "-std=c++17")
+
+
+def pointer(array: NDArray[np.generic]) -> ctypes.c_void_p:
+    """Return where a contiguous array is, as C++ takes it; the caller keeps the array."""
+    return array.ctypes.data_as(ctypes.c_void_p)
 
 
 @cache

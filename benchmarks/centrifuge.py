@@ -31,7 +31,7 @@ from tests.accuracy.centrifuge import (
 )
 
 from benchmarks import Row, Skipped, best
-from benchmarks._compiled import library
+from benchmarks._compiled import library, pointer
 from inercal.benches import Centrifuge
 from inercal.methods.centrifuge_norm import ml
 from inercal.plan import Spin
@@ -181,7 +181,7 @@ def compiled(y: Array, rates: Array) -> tuple[Array, Array] | None:
     norm = np.sqrt((BENCH.radius.value * rates**2) ** 2 + PAPER_G**2)
     values, covariances = np.empty((len(y), 9)), np.empty((len(y), 9, 9))
     inputs = (np.ascontiguousarray(y), np.ascontiguousarray(norm))
-    places = [one.ctypes.data_as(ctypes.c_void_p) for one in (*inputs, values, covariances)]
+    places = [pointer(one) for one in (*inputs, values, covariances)]
     sizes = (ctypes.c_long(len(y)), ctypes.c_long(len(norm)), ctypes.c_double(SD))
     assert code.fit_norms(*places[:2], *sizes, *places[2:]) == 0
     return values, covariances

@@ -22,7 +22,7 @@ from tests.accuracy.turntable_filters import cross, kron, small_rotation, small_
 from tests.methods.turntable_cases import ARCSEC, bench, columns, sensor, track
 
 from benchmarks import Row, Skipped, best
-from benchmarks._compiled import library
+from benchmarks._compiled import library, pointer
 from inercal.benches import Turntable
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
@@ -100,15 +100,12 @@ def compiled(table: Turntable, one: Track) -> Callable[[], Array]:
     bias = rates[: round(20 * HZ) + 1].mean(axis=0) - earth
     found = np.zeros(12)
 
-    def place(x: NDArray[np.generic]) -> ctypes.c_void_p:
-        return x.ctypes.data_as(ctypes.c_void_p)
-
     def run() -> Array:
         found[:3] = bias
         code.run_filter(
-            ctypes.c_long(len(rates)), place(time), place(rates), place(rest), place(readback),
-            ctypes.c_long(EVERY), place(earth), ctypes.c_double(READBACK),
-            ctypes.c_double(turntable.T.arw), place(start), place(found),
+            ctypes.c_long(len(rates)), pointer(time), pointer(rates), pointer(rest),
+            pointer(readback), ctypes.c_long(EVERY), pointer(earth), ctypes.c_double(READBACK),
+            ctypes.c_double(turntable.T.arw), pointer(start), pointer(found),
         )  # fmt: skip
         return found
 

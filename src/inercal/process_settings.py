@@ -8,8 +8,9 @@ import sys
 # kernels makes millions, nearly all of them reachable: the search takes a tenth of its time.
 _OBJECTS = 100_000
 
-# glibc gives arrays above 128 kB, and up to 32 MB once such a one was freed, back to the system,
-# which clears each page anew: a third of the time of a Monte Carlo run. Parameters of mallopt(3).
+# glibc returns the memory of a freed array to the system where the array exceeds a limit, at first
+# 128 kB, later 32 MB; the system clears each page of the next array: a third of the time of a Monte
+# Carlo run. Parameters of mallopt(3).
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _RETURNED_FROM = 2**30  # B, of one array
 _RETURNED_BEYOND = 2**31 - 1  # B, of all that is free at the end of the heap

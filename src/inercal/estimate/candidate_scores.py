@@ -69,7 +69,7 @@ def score_tests(
 
 
 def _batches(candidates: Iterable[Candidate]) -> Iterator[list[Candidate]]:
-    """Yield candidates by several: products of few columns wait for the memory of all rows."""
+    """Yield candidates in batches: one by one, each would read the directions of all rows anew."""
     batch: list[Candidate] = []
     numbers = 0
     for one in candidates:

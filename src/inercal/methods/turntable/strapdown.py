@@ -40,7 +40,6 @@ def product(a: Array, b: Array, out: Array) -> None:
     """Write the product of 3 × 3 matrices."""
     for i in range(3):
         for j in range(3):
-            # As one term: each `+=` would wait until the one before is in memory.
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 

@@ -23,7 +23,7 @@ export function makeCharts(theme, marks) {
   let charts = [];
   let span = 10; // s that are in sight
   let every = 1;
-  let drawn = 0; // ms: when that was due
+  let due = 0; // ms: when the next picture is
   let stale = false;
 
   tools.append(...zoomButtons("Last 10 s"));
@@ -69,11 +69,11 @@ export function makeCharts(theme, marks) {
   /** Draw what is in sight, moved on a little; return 1 when the picture changed. */
   function frame(now) {
     const pause = calm.matches ? CALM : OFTEN;
-    if (!ring?.end || now - drawn < pause) return 0;
+    if (!ring?.end || now < due) return 0;
     const moved = head.move(now) && !zoom.zoomed;
     if (!stale && !moved) return 0;
     // After a picture that came late the next one comes sooner.
-    [stale, drawn] = [false, Math.max(drawn + pause, now - pause)];
+    [stale, due] = [false, Math.max(due, now - pause) + pause];
     const [from, to] = zoom.shown;
     const means = every > 1 ? `, means of ${every} samples` : "";
     const last = `last ${span} s`;
