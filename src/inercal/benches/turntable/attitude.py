@@ -176,7 +176,7 @@ def motion(
     earth = north * mat[..., 1, :] + up * mat[..., 2, :]
     v, dv = np.zeros_like(earth), np.zeros_like(earth)
     for i in reversed(range(len(bench.axes))):  # v is then of the axes within the i-th
-        u = axes[i]
+        u = np.moveaxis(axes[i], 0, -1)
         dv = dv + accelerations[..., i, None] * u + rates[..., i, None] * _cross(u, v)
         v = v + rates[..., i, None] * u
     w, dw = earth + v, _cross(earth, v) + dv
@@ -208,18 +208,27 @@ def body_rates(bench: Turntable, angles: Array, rates: Array) -> Array:
 def _attitude_and_axes(
     bench: Turntable, angles: Array, q: Mapping[str, Array]
 ) -> tuple[Array, list[Array]]:
-    """Return the attitude, and each axis' direction in the body, (..., n, 3)."""
+    """Return the attitude (..., n, 3, 3), and each axis' direction in the body, (3, ..., n)."""
     angles = _checked_angles(bench, angles)
     letters = ["xyz".index(a) for a in bench.axes]
-    within: Array = np.eye(3)  # the rotation of the axes inside the i-th
+    # The rotation of the axes inside the i-th, (3, 3, ..., n): products of many small matrices take
+    # NumPy three times as long.
+    within: Array = np.eye(3)
     axes: list[Array] = []
     for i in reversed(range(len(letters))):
         if i + 1 < len(letters):
             third, size = _orthogonal_axes(bench)[i], _parameter_value(bench, q, f"square_{i + 1}")
-            within = _axis_rotation(third, size)[..., None, :, :] @ within
-        axes.append(within[..., letters[i], :])
-        within = _axis_rotation(letters[i], angles[..., i]) @ within
-    return _base_attitude(bench, q) @ within, axes[::-1]
+            if size.any():
+                within = _rotated(third, size[..., None], within)
+        axes.append(within[letters[i]])
+        within = _rotated(letters[i], angles[..., i], within)
+    base = np.moveaxis(_base_attitude(bench, q), (-2, -1), (0, 1))
+    if not np.array_equal(base[..., 0], np.eye(3)):
+        within = _with_dimensions(within, base.ndim)
+        base = _with_dimensions(base, within.ndim)
+        rows = [b[0] * within[0] + b[1] * within[1] + b[2] * within[2] for b in base]
+        within = np.stack(rows)
+    return np.ascontiguousarray(np.moveaxis(within, (0, 1), (-2, -1))), axes[::-1]
 
 
 def _base_attitude(bench: Turntable, q: Mapping[str, Array]) -> Array:
@@ -262,6 +271,22 @@ def _axis_rotation(axis: int, angle: ArrayLike) -> Array:
     mat[..., k, j] = np.sin(angle)
     mat[..., j, k] = -mat[..., k, j]
     return mat
+
+
+def _rotated(axis: int, angle: Array, mat: Array) -> Array:
+    """Return rotations by angles (...) about one axis times matrices, (3, 3, ...)."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    cosine, sine, mat = np.cos(angle), np.sin(angle), _with_dimensions(mat, 2 + angle.ndim)
+    result = np.empty(np.broadcast_shapes((3, 3, *angle.shape), mat.shape))
+    result[axis] = mat[axis]
+    result[j] = cosine * mat[j] - sine * mat[k]
+    result[k] = sine * mat[j] + cosine * mat[k]
+    return result
+
+
+def _with_dimensions(mat: Array, dimensions: int) -> Array:
+    """Return matrices (3, 3, ...) with so many dimensions or more, for broadcasting."""
+    return mat.reshape(3, 3, *[1] * (dimensions - mat.ndim), *mat.shape[2:])
 
 
 def _cross(a: Array, b: Array) -> Array:
