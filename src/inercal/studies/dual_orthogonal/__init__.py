@@ -44,7 +44,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
             method_accuracy.section(compared),
             head_error.section(head_error.combine_heads(heads)),
             method_accuracy.faces_section(compared),
-            step_angle.section(steps, seed),
+            step_angle.section(steps),
             error_allocation.section(items),
             points,
             seen,

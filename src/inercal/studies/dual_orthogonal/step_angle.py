@@ -1,9 +1,10 @@
 """The step between positions: what g² shows, which estimators work, and whether 30° is best."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -82,8 +83,15 @@ _PLANS = {
 
 
 def step_calls(trials: int, seed: int) -> list[Call]:
-    """Return the calls that `section` needs: one a step, the longest first."""
-    return [partial(_step_effect, n, trials, seed) for n in reversed(COUNTS)]
+    """Return the calls that `section` needs: one a step, the longest first, then two of plans."""
+    effects = [partial(_step_effect, n, trials, seed) for n in reversed(COUNTS)]
+    plans = (position_plan, positions_with_cardinals)
+    return [*effects, *(partial(_serving_counts, plan, seed) for plan in plans)]
+
+
+def _serving_counts(plan: Callable[[int], Sequence[Index]], seed: int) -> list[int]:
+    """Return the claimed numbers of positions that the patent's method accepts of a plan."""
+    return [n for n in CLAIMED_COUNTS if judged_errors("patent", plan(n), 20, seed) is not None]
 
 
 def _step_effect(n: int, trials: int, seed: int) -> StepEffect:
@@ -124,13 +132,10 @@ def best_step(by_count: Mapping[int, Array | None]) -> tuple[float, float, str]:
     return 360 / n, abs(360 / CLAIMED_BEST - 360 / n) * over.u / (over.value - 1), words
 
 
-def section(results: Sequence[StepEffect], seed: int) -> StudySection:
+def section(results: Sequence[Any]) -> StudySection:
     """Return the section of the step, from the results of the calls."""
-    found = list(reversed(results))
-    serving, helped = (
-        [n for n in CLAIMED_COUNTS if judged_errors("patent", plan(n), 20, seed) is not None]
-        for plan in (position_plan, positions_with_cardinals)
-    )
+    *effects, serving, helped = results
+    found: list[StepEffect] = effects[::-1]
     why = (
         f"{len(serving)} of {len(CLAIMED_COUNTS)} even steps serve: the four points are among "
         f"{' and '.join(map(str, serving))} positions alone; with the cardinal ones added "
