@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+LEAST_TIME = 1.0  # s
 DATA = Path(os.environ.get("INERCAL_DATA", ROOT.parent / "shared" / "data"))
 
 
@@ -85,10 +86,13 @@ class Skipped:
 
 
 def best(work: Callable[[], object], repeat: int = 5) -> Duration:
-    """Return the least processor time of several, s, after a first call that may compile."""
+    """Return the least processor time of several, s, after a first call that may compile.
+
+    Short work is repeated for a second: other work on the machine lengthens some of its turns.
+    """
     work()
     times: list[Duration] = []
-    for _ in range(repeat):
+    while len(times) < repeat or sum(times) < LEAST_TIME:
         begin, used = time.perf_counter(), time.process_time()
         work()
         wall, processor = time.perf_counter() - begin, time.process_time() - used

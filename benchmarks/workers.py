@@ -17,7 +17,7 @@ from benchmarks.start_up import processor_time
 from inercal.parallel import available_cores
 from inercal.parallel.process_executor import ProcessExecutor
 
-REPEAT, OFTEN = 2, 5  # turns of commands, and of tasks
+REPEAT, OFTEN = 3, 8  # turns of commands, and of tasks
 TO_REACH = 1.7  # times as fast by two workers
 EFFICIENCY = 0.85  # of two workers, of tasks of 100 ms
 TASK, TASKS = 0.1, 40  # s
