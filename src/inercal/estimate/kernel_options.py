@@ -39,3 +39,12 @@ def kernel_piece(function: F) -> F:
     """
     result: F = _compile(**_OPTIONS, no_cpython_wrapper=True, inline="always")(function)
     return result
+
+
+def kernel_value(function: F) -> F:
+    """Compile a small function of numbers as a part of the kernels that call it.
+
+    What it returns, such as a tuple of nine numbers, is never written to memory.
+    """
+    result: F = _compile(**_OPTIONS, no_cpython_wrapper=True, forceinline=True)(function)
+    return result

@@ -20,7 +20,8 @@ from inercal.benches.turntable.attitude import earth_rate_level_frame, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
 from inercal.methods.turntable.model import ARCSEC
-from inercal.methods.turntable.strapdown import copy_matrix, rotate, rotation_error
+from inercal.methods.turntable.small_matrices import copy_matrix
+from inercal.methods.turntable.strapdown import rotate, rotation_error
 from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.sensors.inverse import inverse

@@ -8,7 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.kernel_options import kernel, kernel_step
+from inercal.estimate.kernel_options import kernel, kernel_step, kernel_value
+from inercal.methods.turntable.small_matrices import (
+    Matrix,
+    Vector,
+    copy_matrix,
+    matrix,
+    times_matrix,
+    times_vector,
+    vector,
+    write_matrix,
+    write_row,
+)
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 
 Indices = NDArray[np.int64]
@@ -27,39 +38,31 @@ SMALL_ANGLE = 1e-2  # rad, below which series replace sine and cosine
 MAX_STEP_RATIO = 3.0  # steps of time: a sample or two may be lost
 
 
-@kernel_step
-def copy_matrix(matrix: Array, out: Array) -> None:
-    """Write a 3 × 3 matrix; an assignment of slices takes Numba seconds to compile."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = matrix[i, j]
-
-
-@kernel_step
-def product(a: Array, b: Array, out: Array) -> None:
-    """Write the product of 3 × 3 matrices."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+@kernel_value
+def turned(c: Matrix, v: Vector) -> Matrix:
+    """Return C turned by the rotation vector v of the body, C exp [v×]."""
+    x, y, z = v
+    xx, yy, zz = x * x, y * y, z * z
+    s = xx + yy + zz
+    once, twice = 1 + s * (s * (1 / 120) - 1 / 6), 0.5 + s * (s * (1 / 720) - 1 / 24)
+    if s >= SMALL_ANGLE * SMALL_ANGLE:
+        angle = np.sqrt(s)
+        once, twice = np.sin(angle) / angle, (1 - np.cos(angle)) / s
+    xy, xz, yz = twice * x * y, twice * x * z, twice * y * z
+    return times_matrix(
+        c,
+        (
+            1 - twice * (yy + zz), xy - once * z, xz + once * y,
+            xy + once * z, 1 - twice * (xx + zz), yz - once * x,
+            xz - once * y, yz + once * x, 1 - twice * (xx + yy),
+        ),
+    )  # fmt: skip
 
 
 @kernel_step
 def rotate(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
-    s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    once, twice = 1 + s * (s * (1 / 120) - 1 / 6), 0.5 + s * (s * (1 / 720) - 1 / 24)
-    if s >= SMALL_ANGLE * SMALL_ANGLE:
-        angle = np.sqrt(s)
-        once, twice = np.sin(angle) / angle, (1 - np.cos(angle)) / s
-    for i in range(3):
-        a, b, d = c[i, 0], c[i, 1], c[i, 2]
-        # Rows of C times exp [v×]: a + once (a × v)ᵀ-wise + twice ((a × v) × v).
-        e = b * v[2] - d * v[1]
-        f = d * v[0] - a * v[2]
-        g = a * v[1] - b * v[0]
-        c[i, 0] = a + once * e + twice * (f * v[2] - g * v[1])
-        c[i, 1] = b + once * f + twice * (g * v[0] - e * v[2])
-        c[i, 2] = d + once * g + twice * (e * v[1] - f * v[0])
+    write_matrix(turned(matrix(c), vector(v)), c)
 
 
 @kernel_step
@@ -159,7 +162,7 @@ def fill_temperature_terms(phi: Array, warmth: float) -> None:
 
 
 @kernel_step
-def fill_force_terms(phi: Array, f: Array) -> None:
+def fill_force_terms(phi: Array, f: Vector) -> None:
     """Write the terms of φ that depend on f."""
     phi[0] = 1.0
     for k in range(3):
@@ -195,30 +198,30 @@ def sum_reading_terms(
             by[b, axis[m]] += c[m] * weights[m, b]
 
 
-@kernel_step
-def correct_reading(
-    reading: Array, m: Array, by: Array, phi: Array, added: Indices, u: Array
-) -> None:
-    """Write u = M (reading − what is added beside the part linear in u, of the terms `added`)."""
-    x, y, z = reading[0], reading[1], reading[2]
+@kernel_value
+def correct_reading(reading: Vector, m: Matrix, by: Array, phi: Array, added: Indices) -> Vector:
+    """Return u = M (reading − what is added beside the part linear in u, of the terms `added`)."""
+    x, y, z = reading
     for t in range(added.size):
         b = added[t]
         x -= by[b, 0] * phi[b]
         y -= by[b, 1] * phi[b]
         z -= by[b, 2] * phi[b]
-    for k in range(3):
-        u[k] = m[k, 0] * x + m[k, 1] * y + m[k, 2] * z
+    return times_vector(m, (x, y, z))
 
 
-@kernel_step
+@kernel_value
 def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
-    """Add C M φ dt, (BASIS, 3, 3)."""
+    """Add C M φ dt, (BASIS, 9), each matrix row after row."""
     for t in range(used.size):
-        b = used[t]
-        size = phi[b] * dt
-        for k in range(3):
-            for j in range(3):
-                made[b, k, j] += cm[k, j] * size
+        size, row = phi[used[t]] * dt, made[used[t]]
+        # All are read before any is written, so that they are processed side by side.
+        total = (
+            row[0] + cm[0] * size, row[1] + cm[1] * size, row[2] + cm[2] * size,
+            row[3] + cm[3] * size, row[4] + cm[4] * size, row[5] + cm[5] * size,
+            row[6] + cm[6] * size, row[7] + cm[7] * size, row[8] + cm[8] * size,
+        )  # fmt: skip
+        write_row(total, row)
 
 
 @kernel_step
@@ -244,15 +247,14 @@ def write_transition_columns(
             size = sign * weights[s, used[t]]
             if size != 0.0:
                 for k in range(3):
-                    a[k, first + s] += size * made[used[t], k, axis[s]]
+                    a[k, first + s] += size * made[used[t], 3 * k + axis[s]]
     for c in range(components):
         for k in range(3):
             for j in range(3):
-                a[k, gm + 3 * c + j] = sign * made[0, k, j]
+                a[k, gm + 3 * c + j] = sign * made[0, 3 * k + j]
     for t in range(used.size):
-        for k in range(3):
-            for j in range(3):
-                made[used[t], k, j] = 0.0
+        for k in range(9):
+            made[used[t], k] = 0.0
 
 
 @kernel_step

@@ -19,14 +19,21 @@ from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
 from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
+from inercal.methods.turntable.small_matrices import (
+    copy_matrix,
+    matrix,
+    times_matrix,
+    times_vector,
+    vector,
+    write_row,
+    write_vector,
+)
 from inercal.methods.turntable.strapdown import (
     accumulate_sensitivity,
-    copy_matrix,
     correct_reading,
     fill_force_terms,
     fill_temperature_terms,
     inverse_scale_matrix_at_temperature,
-    product,
     rotation_error,
     turn_level,
     write_transition_columns,
@@ -71,7 +78,7 @@ class VelocityState(NamedTuple):
     theta: Array  # (p,)
     x: Array  # (n,)
     p: Array  # (n, n)
-    sensitivity_integral: Array  # (size of φ, 3, 3), Σ C M φ Δt since the epoch before
+    sensitivity_integral: Array  # (size of φ, 9), Σ C M φ Δt since the epoch before
     time: Array  # (3,) s, of the sample and of the epoch before, and of the start
     force: Array  # (3,), of the sample before
     velocity: Array  # (3,) m/s
@@ -163,7 +170,7 @@ def run_accelerometer_filter(
         update_workspace(work, model.terms, theta)
         _write_rest_force(model.gravity, state.c, work)
         elapsed = state.time[1] - state.time[2]
-        write_estimate(model.terms, model.drift, work, elapsed, theta, x, p, seen)
+        write_estimate(model, work, elapsed, theta, x, p, seen)
         store_covariance_rows(p, steps, row)
     return total
 
@@ -171,10 +178,8 @@ def run_accelerometer_filter(
 @kernel_piece
 def _write_rest_force(gravity: float, c: Array, work: KernelWorkspace) -> None:
     """Write φ of the force that is sensed at rest, and C M: both stay until the next epoch."""
-    for k in range(3):
-        work.u[k] = gravity * c[2, k]
-    fill_force_terms(work.phi, work.u)
-    product(c, work.m, work.cm)
+    fill_force_terms(work.phi, (gravity * c[2, 0], gravity * c[2, 1], gravity * c[2, 2]))
+    write_row(times_matrix(matrix(c), matrix(work.m)), work.cm)
 
 
 @kernel_piece
@@ -189,17 +194,15 @@ def _propagate_velocity(
     """Carry the velocity over a hold's samples, and sum up what drives it."""
     time, forces, hold, warmth = samples
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
-    used, m, by, phi, cm, mean, u = (
-        work.used_terms, work.m, work.reading_terms, work.phi, work.cm, work.mean, work.u,
-    )  # fmt: skip
-    c, result, force, velocity = state.c, state.sensitivity_integral, state.force, state.velocity
+    used, m, by, phi = work.used_terms, work.m, work.reading_terms, work.phi
+    result, force = state.sensitivity_integral, vector(state.force)
+    c, velocity = matrix(state.c), vector(state.velocity)
+    inverse, cm = matrix(m), work.cm
     gravity, number, now = model.gravity, state.hold[0], state.time[0]
     for i in range(first, end):
-        dt = time[i] - now
-        now = time[i]
+        dt, now = time[i] - now, time[i]
+        reading = vector(forces[i])
         if hold[i] >= 0 and hold[i] == number:
-            for k in range(3):
-                mean[k] = 0.5 * (forces[i, k] + force[k])
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
                 inverse_scale_matrix_at_temperature(
@@ -212,20 +215,27 @@ def _propagate_velocity(
                     work.square,
                     m,
                 )
-                product(c, m, cm)
-            correct_reading(mean, m, by, phi, work.added_terms, u)
-            for k in range(3):
-                gain = -gravity if k == 2 else 0.0
-                for j in range(3):
-                    gain += c[k, j] * u[j]
-                velocity[k] += gain * dt
+                inverse = matrix(m)
+                write_row(times_matrix(c, inverse), cm)
+            mean = (
+                0.5 * (reading[0] + force[0]),
+                0.5 * (reading[1] + force[1]),
+                0.5 * (reading[2] + force[2]),
+            )
+            gain = times_vector(c, correct_reading(mean, inverse, by, phi, work.added_terms))
+            velocity = (
+                velocity[0] + gain[0] * dt,
+                velocity[1] + gain[1] * dt,
+                velocity[2] + (gain[2] - gravity) * dt,
+            )
             accumulate_sensitivity(cm, phi, dt, used, result)
-        for k in range(3):
-            force[k] = forces[i, k]
+        force = reading
+    write_vector(force, state.force)
+    write_vector(velocity, state.velocity)
     state.time[0] = now
 
 
-@kernel_step
+@kernel_piece
 def _begin_hold(
     e: int,
     readback: VelocityReadback,
@@ -257,9 +267,9 @@ def _begin_hold(
     sums = state.sensitivity_integral
     for k in range(3):
         state.velocity[k] = 0.0
-        for j in range(3):
-            for b in range(len(sums)):
-                sums[b, k, j] = 0.0
+    for b in range(len(sums)):
+        for k in range(9):
+            sums[b, k] = 0.0
     copy_matrix(readback.attitude[e], state.c)
 
 

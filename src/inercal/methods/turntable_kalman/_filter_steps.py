@@ -17,10 +17,7 @@ from inercal.estimate.kalman import predict, update
 from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
-from inercal.methods.turntable.strapdown import (
-    inverse_scale_matrix,
-    sum_reading_terms,
-)
+from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms
 from inercal.methods.turntable.terms import BIAS, Terms
 
 Indices = NDArray[np.int64]
@@ -69,10 +66,8 @@ class KernelWorkspace(NamedTuple):
     m: Array  # M, (3, 3)
     reading_terms: Array  # factor of each term of φ in the readings, (size of φ, 3)
     phi: Array  # φ of the last step, (size of φ,)
-    cm: Array  # C M in its middle, (3, 3)
+    cm: Array  # C M in its middle, row after row, (9,)
     half: Array  # C in its middle, (3, 3)
-    mean: Array  # reading, (3,)
-    u: Array  # as corrected, (3,)
     turn: Array  # rotation vectors, (3,)
     rate: Array  # of the body in the level frame, (3,)
     fed: Array  # drift that readings are corrected by, (3,)
@@ -87,7 +82,7 @@ class KernelWorkspace(NamedTuple):
     ph: Array  # any, (n,)
     x: Array  # an estimate that is tried, (n,), and its covariance, (n, n)
     p: Array
-    total: Array  # Σ C M φ Δt of the last epoch, (size of φ, 3, 3)
+    total: Array  # Σ C M φ Δt of the last epoch, (size of φ, 9)
     other: Array  # attitude a little earlier or later, (3, 3)
     either: Array  # any, (3, 3)
     mean_rows: Indices  # states that a bias as the mean depends on, (components + 2,)
@@ -106,16 +101,16 @@ def allocate_workspace(
     phi[0] = 1.0
     return KernelWorkspace(
         *indices,
-        np.zeros((3, 3)), np.zeros((size, 3)), phi, np.zeros((3, 3)), np.zeros((3, 3)),
-        np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)),
+        np.zeros((3, 3)), np.zeros((size, 3)), phi, np.zeros(9), np.zeros((3, 3)),
+        np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)),
         np.zeros((k, k)), np.zeros(n), np.zeros((components, 3)), np.zeros((k, n)),
         np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(n),
-        np.zeros(n), np.zeros((n, n)), np.zeros((size, 3, 3)), np.zeros((3, 3)), np.zeros((3, 3)),
+        np.zeros(n), np.zeros((n, n)), np.zeros((size, 9)), np.zeros((3, 3)), np.zeros((3, 3)),
         np.zeros(components + 2, np.int64), np.zeros(components + 2),
     )  # fmt: skip
 
 
-@kernel_step
+@kernel_piece
 def update_workspace(work: KernelWorkspace, terms: Terms, theta: Array) -> None:
     """Write M and the factors of φ by the present estimates."""
     nominal, axis, weights, first = terms
@@ -191,13 +186,12 @@ def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) ->
         for j in range(3):
             out[k, j] = 0.0
             for b in range(3):
-                out[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
+                out[k, j] += cm[3 * k + b] * noise[b] * cm[3 * j + b] * since
 
 
-@kernel_step
+@kernel_piece
 def write_estimate(
-    terms: Terms,
-    drift: Drift,
+    model: KernelModel,
     work: KernelWorkspace,
     elapsed: float,
     theta: Array,
@@ -209,8 +203,7 @@ def write_estimate(
 
     Parameters
     ----------
-    terms : Terms
-    drift : Drift
+    model : KernelModel
     work : KernelWorkspace
     elapsed : float
         s since the start.
@@ -226,13 +219,33 @@ def write_estimate(
         out[first + n + s] = p[s, s]
     for s in range(count):
         out[first + before + s] += theta[s]
-    times, _variance, _walk, mean_over_run = drift
-    if not mean_over_run or elapsed <= 0:
-        return
-    biases, at, by, components = work.biases, work.mean_rows, work.mean_weights, times.size
+    if model.drift.mean_over_run and elapsed > 0:
+        _write_mean_biases(
+            work.biases, model.terms.axis, model.terms.weights, model.drift.times, before, count,
+            elapsed, x, p, work.mean_rows, work.mean_weights, out[first:],
+        )  # fmt: skip
+
+
+@kernel_step
+def _write_mean_biases(
+    biases: Indices,
+    axes: Indices,
+    weights: Array,
+    times: Array,
+    before: int,
+    count: int,
+    elapsed: float,
+    x: Array,
+    p: Array,
+    at: Indices,
+    by: Array,
+    out: Array,
+) -> None:
+    """Add the mean of the drift to biases, and write their variances."""
+    n, components = x.size, times.size
     for b in range(biases.size):
         s = biases[b]
-        own, axis, weight = before + s, terms.axis[s], terms.weights[s, BIAS]
+        own, axis, weight = before + s, axes[s], weights[s, BIAS]
         at[0], by[0] = own, 1.0
         for c in range(components + 1):
             # Each component's mean by itself, then J
@@ -242,7 +255,7 @@ def write_estimate(
         total = 0.0
         for i in range(components + 2):
             if i > 0:
-                out[first + own] += by[i] * x[at[i]]
+                out[own] += by[i] * x[at[i]]
             for j in range(components + 2):
                 total += by[i] * p[at[i], at[j]] * by[j]
-        out[first + n + own] = total
+        out[n + own] = total

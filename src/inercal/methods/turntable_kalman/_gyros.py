@@ -10,20 +10,30 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
+from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step, kernel_value
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
+from inercal.methods.turntable.small_matrices import (
+    Vector,
+    copy_row,
+    cross,
+    matrix,
+    times_matrix,
+    transposed_times,
+    vector,
+    write_matrix,
+    write_row,
+    write_vector,
+)
 from inercal.methods.turntable.strapdown import (
     PARABOLA_ERROR,
     PARABOLA_THRESHOLD,
     accumulate_sensitivity,
     are_similar_steps,
-    copy_matrix,
     correct_reading,
     fill_force_terms,
     fill_temperature_terms,
     inverse_scale_matrix_at_temperature,
-    product,
-    rotate,
+    turned,
     write_transition_columns,
 )
 from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, TEMPERATURE
@@ -140,7 +150,7 @@ def run_gyro_filter(
             sum_drift_components(x, gm, components, fed)
         update_workspace(work, model.terms, theta)
         elapsed = state.time[1] - state.time[2]
-        write_estimate(model.terms, model.drift, work, elapsed, theta, x, p, seen)
+        write_estimate(model, work, elapsed, theta, x, p, seen)
         store_covariance_rows(p, steps, row)
     return total
 
@@ -158,37 +168,28 @@ def _propagate_attitude(
     """Carry the attitude over samples, and sum up what drives φ."""
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
-    used, m, by, phi, cm, half, mean, u, turn, middle = (
-        work.used_terms, work.m, work.reading_terms, work.phi, work.cm, work.half, work.mean,
-        work.u, work.turn, work.rate,
-    )  # fmt: skip
-    c, result, before = state.c, state.sensitivity_integral, state.rates
+    used, m, by, phi = work.used_terms, work.m, work.reading_terms, work.phi
+    result, before = state.sensitivity_integral, state.rates
     times, past = state.times, state.attitudes
-    earth, white, gravity, gap = model.earth, model.white, model.gravity, settings.gap
+    earth, white, gravity, gap = vector(model.earth), model.white, model.gravity, settings.gap
     newest, now = state.newest_row[0], state.time[0]
     kinks, lost = state.acceleration_variance[0], state.alignment_due[0]
     sums, step, ended = state.sensitivity_integrals, state.time[3], state.time[4]
     squares, warmed = used[-1] >= SQUARE, warmth.size > 0
+    c, inverse, cm = matrix(state.c), matrix(m), work.cm
+    newer, older, bend = vector(before[0]), vector(before[1]), vector(before[2])
     for i in range(first, end):
         dt = time[i] - now
         if dt > gap:
             lost, ended = True, time[i]
-        bends = are_similar_steps(dt, step)
-        # Divisions cost more than all else here.
-        square, per_step, per_two, per_last = dt * dt * (1 / 12), 0.0, 0.0, 0.0
-        if bends:
-            per_step, per_two, per_last = 1 / dt, 2 / (dt + step), 1 / step
-        for k in range(3):
-            phi[FORCE + k] = gravity * c[2, k]
-            slope, earlier = rates[i, k] - before[0, k], before[0, k] - before[1, k]
-            bend = (slope * per_step - earlier * per_last) * per_two
-            mean[k] = 0.5 * (rates[i, k] + before[0, k]) - bend * square
-            bent = (bend - before[2, k]) * dt * dt
-            before[2, k] = bend
-            if bent * bent * dt > PARABOLA_THRESHOLD * white[k]:
-                kinks += (PARABOLA_ERROR * bent * dt) ** 2
+        reading = vector(rates[i])
+        mean, bent = _parabola_mean(reading, newer, older, dt, step)
+        kinks += _kink_variance(bent, bend, dt, white)
+        bend = bent
+        force = gravity * c[6], gravity * c[7], gravity * c[8]
+        phi[FORCE], phi[FORCE + 1], phi[FORCE + 2] = force
         if squares:
-            fill_force_terms(phi, phi[FORCE : FORCE + 3])
+            fill_force_terms(phi, force)
         if warmed:
             fill_temperature_terms(phi, warmth[i])
             inverse_scale_matrix_at_temperature(
@@ -201,41 +202,89 @@ def _propagate_attitude(
                 work.square,
                 m,
             )
-        correct_reading(mean, m, by, phi, work.added_terms, u)
+            inverse = matrix(m)
+        u = correct_reading(mean, inverse, by, phi, work.added_terms)
         # Rotation of the step relative to the level frame, and half of it.
-        for k in range(3):
-            around_earth = 0.0
-            for j in range(3):
-                around_earth += c[j, k] * earth[j]
-            j1, j2 = (k + 1) % 3, (k + 2) % 3
-            coning = before[0, j1] * rates[i, j2] - before[0, j2] * rates[i, j1]
-            turn[k] = (u[k] - around_earth) * dt + coning * square
-            middle[k] = 0.5 * turn[k]
-            # About an axis at rest the sensed rate is the earth's. The reading is not used here:
-            # its noise correlates with the angle's random walk, and the filter would estimate a
-            # scale factor from the correlation.
-            beyond = u[k] - around_earth
-            still = hold[i] >= 0 or beyond * beyond * dt < REST_RATE_VARIANCES * white[k]
-            phi[RATE + k] = around_earth if still else u[k]
-            if warmed:
-                phi[TEMPERATURE + RATE + k] = warmth[i] * phi[RATE + k]
-        copy_matrix(c, half)
-        rotate(half, middle)
-        rotate(c, turn)
-        product(half, m, cm)
+        around = transposed_times(c, earth)
+        coning = cross(newer, reading)
+        square = dt * dt * (1 / 12)
+        beyond = u[0] - around[0], u[1] - around[1], u[2] - around[2]
+        turn = (
+            beyond[0] * dt + coning[0] * square,
+            beyond[1] * dt + coning[1] * square,
+            beyond[2] * dt + coning[2] * square,
+        )
+        # About an axis at rest the sensed rate is the earth's. The reading is not used here: its
+        # noise correlates with the angle's random walk, and the filter would estimate a scale
+        # factor from the correlation.
+        rests, scale = hold[i] >= 0, dt / REST_RATE_VARIANCES
+        still = rests or beyond[0] * beyond[0] * scale < white[0]
+        phi[RATE] = around[0] if still else u[0]
+        still = rests or beyond[1] * beyond[1] * scale < white[1]
+        phi[RATE + 1] = around[1] if still else u[1]
+        still = rests or beyond[2] * beyond[2] * scale < white[2]
+        phi[RATE + 2] = around[2] if still else u[2]
+        if warmed:
+            for k in range(RATE, RATE + 3):
+                phi[TEMPERATURE + k] = warmth[i] * phi[k]
+        half = turned(c, (0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2]))
+        write_row(times_matrix(half, inverse), cm)
+        c = turned(c, turn)
         accumulate_sensitivity(cm, phi, dt, used, result)
         now, step, newest = time[i], dt, (newest + 1) % times.size
-        for k in range(3):
-            before[1, k], before[0, k] = before[0, k], rates[i, k]
+        older, newer = newer, reading
         if i < end - times.size:
             continue  # its row is written again before a readback
         times[newest] = now
-        copy_matrix(c, past[newest])
+        write_matrix(c, past[newest])
         for t in range(used.size):
-            copy_matrix(result[used[t]], sums[newest, used[t]])
+            copy_row(result[used[t]], sums[newest, used[t]])
+    write_matrix(c, state.c)
+    write_vector(newer, before[0])
+    write_vector(older, before[1])
+    write_vector(bend, before[2])
     state.newest_row[0], state.alignment_due[0] = newest, lost
     state.time[0], state.time[3], state.time[4] = now, step, ended
     state.acceleration_variance[0] = kinks
+
+
+@kernel_value
+def _parabola_mean(
+    now: Vector, before: Vector, earlier: Vector, dt: float, step: float
+) -> tuple[Vector, Vector]:
+    """Return the mean over the last step of the parabola through three rates, and how it bends.
+
+    `dt` and `step` are the last step and the one before, s.
+    """
+    # Divisions cost more than all else here.
+    per_step, per_two, per_last = 0.0, 0.0, 0.0
+    if are_similar_steps(dt, step):
+        per_step, per_two, per_last = 1 / dt, 2 / (dt + step), 1 / step
+    square = dt * dt * (1 / 12)
+    x = ((now[0] - before[0]) * per_step - (before[0] - earlier[0]) * per_last) * per_two
+    y = ((now[1] - before[1]) * per_step - (before[1] - earlier[1]) * per_last) * per_two
+    z = ((now[2] - before[2]) * per_step - (before[2] - earlier[2]) * per_last) * per_two
+    mean = (
+        0.5 * (now[0] + before[0]) - x * square,
+        0.5 * (now[1] + before[1]) - y * square,
+        0.5 * (now[2] + before[2]) - z * square,
+    )
+    return mean, (x, y, z)
+
+
+@kernel_value
+def _kink_variance(bend: Vector, before: Vector, dt: float, white: Array) -> float:
+    """Return the variance of the angle where an acceleration began or ended in a step, rad²."""
+    square = dt * dt
+    x, y, z = (
+        (bend[0] - before[0]) * square,
+        (bend[1] - before[1]) * square,
+        (bend[2] - before[2]) * square,
+    )
+    total = x * x if x * x * dt > PARABOLA_THRESHOLD * white[0] else 0.0
+    total += y * y if y * y * dt > PARABOLA_THRESHOLD * white[1] else 0.0
+    total += z * z if z * z * dt > PARABOLA_THRESHOLD * white[2] else 0.0
+    return total * (PARABOLA_ERROR * dt) ** 2
 
 
 @kernel_piece
@@ -254,7 +303,7 @@ def _transition(
     since = state.time[0] - state.time[1]
     state.time[1] = state.time[0]
     for t in range(work.used_terms.size):
-        copy_matrix(result[work.used_terms[t]], work.total[work.used_terms[t]])
+        copy_row(result[work.used_terms[t]], work.total[work.used_terms[t]])
     for k in range(3):
         for j in range(keep.size):
             a[k, j] = 0.0

@@ -16,11 +16,10 @@ from inercal.arrays import Array
 from inercal.estimate.kalman import update
 from inercal.estimate.kernel_options import kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import sum_drift_components
+from inercal.methods.turntable.small_matrices import copy_matrix, product
 from inercal.methods.turntable.strapdown import (
     bracketing_rows,
-    copy_matrix,
     interpolate_attitude,
-    product,
     rotation_error,
     turn_level,
 )
@@ -67,7 +66,7 @@ class AttitudeState(NamedTuple):
     theta: Array  # (p,)
     x: Array  # (n,)
     p: Array  # (n, n)
-    sensitivity_integral: Array  # (size of φ, 3, 3), Σ C M φ Δt since the epoch before
+    sensitivity_integral: Array  # (size of φ, 9), Σ C M φ Δt since the epoch before
     # (5,) s: of the sample and of the epoch before, where the clock began, the step that led to the
     # sample before, and where the last gap ended
     time: Array
@@ -77,7 +76,7 @@ class AttitudeState(NamedTuple):
     )
     alignment_due: NDArray[np.bool_]  # (1,), whether an alignment is due
     rejections: Indices  # (2,), readbacks rejected in a row, and in all
-    # (k,), (k, 3, 3) and (k, size of φ, 3, 3), a ring: attitude of the last samples, and −G from
+    # (k,), (k, 3, 3) and (k, size of φ, 9), a ring: attitude of the last samples, and −G from
     # the epoch before
     times: Array
     attitudes: Array
@@ -252,12 +251,12 @@ def _linearise(
             for t in range(axis.size):
                 weight, j = weights[t, b], axis[t]
                 if weight != 0.0:
-                    early, later = sums[before, b, k, j], sums[after, b, k, j]
-                    since = early + share * (later - early) - total[b, k, j]
+                    early, later = sums[before, b, 3 * k + j], sums[after, b, 3 * k + j]
+                    since = early + share * (later - early) - total[b, 3 * k + j]
                     h[k, 3 + t] -= weight * since
         for j in range(3):
-            early, later = sums[before, 0, k, j], sums[after, 0, k, j]
-            since = total[0, k, j] - (early + share * (later - early))
+            early, later = sums[before, 0, 3 * k + j], sums[after, 0, 3 * k + j]
+            since = total[0, 3 * k + j] - (early + share * (later - early))
             for c in range(components):
                 h[k, gm + 3 * c + j] = since
             z[k] += since * fed[j]
@@ -296,8 +295,8 @@ def _add_delay_curvature(
         for t in range(axis.size):
             row[t] = 0.0
             for i in range(used.size):
-                b = used[i]
-                moved = sums[after, b, k, axis[t]] - sums[before, b, k, axis[t]]
+                b, at = used[i], 3 * k + axis[t]
+                moved = sums[after, b, at] - sums[before, b, at]
                 row[t] += weights[t, b] * moved / step
         for s in range(axis.size):
             for t in range(axis.size):
@@ -315,9 +314,8 @@ def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
     for row in range(len(sums)):
         for t in range(used.size):
             b = used[t]
-            for k in range(3):
-                for j in range(3):
-                    sums[row, b, k, j] -= total[b, k, j]
+            for k in range(9):
+                sums[row, b, k] -= total[b, k]
 
 
 @kernel_piece
@@ -343,7 +341,7 @@ def feed_back(model: KernelModel, state: AttitudeState, work: KernelWorkspace, l
             for i in range(used.size):
                 b = used[i]
                 for j in range(3):
-                    turn[k] -= sums[row, b, k, j] * by[b, j]
+                    turn[k] -= sums[row, b, 3 * k + j] * by[b, j]
         turn_level(past[row], turn)
     for k in range(3):
         turn[k] = x[k]

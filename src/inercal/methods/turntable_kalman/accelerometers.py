@@ -160,7 +160,7 @@ class AccelerometerFilter(Filter[VelocityState]):
             theta=self.initial_values.copy(),
             x=np.zeros(len(covariance)),
             p=covariance,
-            sensitivity_integral=np.zeros((self.triad.terms.size, 3, 3)),
+            sensitivity_integral=np.zeros((self.triad.terms.size, 9)),
             time=np.full(3, track.time[0]),
             force=np.zeros(3),
             velocity=np.zeros(3),

@@ -167,7 +167,7 @@ class GyroFilter(Filter[AttitudeState]):
             theta=self.initial_values.copy(),
             x=x,
             p=covariance,
-            sensitivity_integral=np.zeros((self.triad.terms.size, 3, 3)),
+            sensitivity_integral=np.zeros((self.triad.terms.size, 9)),
             time=np.array([time, time, time, 0.0, time]),
             rates=np.array([reading, reading, np.zeros(3)]),
             acceleration_variance=np.zeros(1),
@@ -175,7 +175,7 @@ class GyroFilter(Filter[AttitudeState]):
             rejections=np.zeros(2, np.int64),
             times=np.full(self.buffer_size, time),
             attitudes=np.tile(mat, (self.buffer_size, 1, 1)),
-            sensitivity_integrals=np.zeros((self.buffer_size, self.triad.terms.size, 3, 3)),
+            sensitivity_integrals=np.zeros((self.buffer_size, self.triad.terms.size, 9)),
             newest_row=np.array([0]),
             pending_samples=waits
             if self.lag < 0
@@ -186,8 +186,9 @@ class GyroFilter(Filter[AttitudeState]):
         self, state: AttitudeState, track: Track, wanted: Array | None = None
     ) -> tuple[AttitudeState, FilterPiece]:
         """Return as `Filter.advance`."""
-        samples, readback, tail = self._pair_readback(state.pending_samples, track)
-        stamps, variance, angles = readback[:, 0], readback[:, 1], readback[:, 2:]
+        samples, (stamps, variance, angles), tail = self._pair_readback(
+            state.pending_samples, track
+        )
         # A copy: a view would keep the piece. In one memory layout, for one compiled kernel.
         after = state._replace(pending_samples=tail.copy())
         # An epoch waits for the first sample with usable angles, so that pieces of any length have
@@ -240,14 +241,17 @@ class GyroFilter(Filter[AttitudeState]):
         """Return the variance of the attitude by readback at each sample, (n,) rad²."""
         return track.angle_variance(self.readback_sd**2)
 
-    def _pair_readback(self, tail: Array, track: Track) -> tuple[FilterSamples, Array, Array]:
+    def _pair_readback(
+        self, tail: Array, track: Track
+    ) -> tuple[FilterSamples, tuple[Array, Array, Array], Array]:
         """Return samples, the readback of each, and those that wait.
 
-        The readback is (n, 2 + k): stamp, variance and angles. `tail` are the samples or readbacks
-        that waited before.
+        A readback is a stamp, a variance, and angles: (n,), (n,), (n, k). `tail` are the samples or
+        readbacks that waited before.
         """
-        samples, lag = self.samples(track), self.lag
-        readback = np.column_stack([track.time, self._angle_variance(track), track.angles])
+        samples, lag, variance = self.samples(track), self.lag, self._angle_variance(track)
+        if not lag:
+            return samples, (track.time, variance, track.angles), tail
         if lag < 0:
             hold = samples.hold.astype(np.float64)
             beside = [samples.temperature_offset] if self.triad.terms.has_temperature else []
@@ -259,9 +263,11 @@ class GyroFilter(Filter[AttitudeState]):
                 ready[:, 0].copy(), ready[:, 1:4].copy(), ready[:, 4].astype(np.int64),
                 ready[:, 5:].reshape(-1).copy(),
             )  # fmt: skip
-            return samples, readback[track.time.size - taken :], held[taken:]
-        read = np.concatenate([tail, readback]) if lag else readback
-        return samples, read[: track.time.size], read[track.time.size :]
+            part = slice(track.time.size - taken, None)
+            return samples, (track.time[part], variance[part], track.angles[part]), held[taken:]
+        read = np.concatenate([tail, np.column_stack([track.time, variance, track.angles])])
+        now, tail = read[: track.time.size], read[track.time.size :]
+        return samples, (now[:, 0], now[:, 1], now[:, 2:]), tail
 
     @cached_property
     def _timing_state_indices(self) -> NDArray[np.int64]:

@@ -14,19 +14,18 @@ from inercal.estimate.kalman import predict
 from inercal.estimate.kernel_options import kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
+from inercal.methods.turntable.small_matrices import copy_matrix, product
 from inercal.methods.turntable.strapdown import (
     LINEAR_RATE_ERROR,
     LINEAR_RATE_THRESHOLD,
-    copy_matrix,
     fill_force_terms,
     fill_temperature_terms,
     inverse_scale_matrix,
     inverse_scale_matrix_at_temperature,
-    product,
     rotate,
     rotation_error,
 )
-from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, TEMPERATURE
+from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE
 
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -91,9 +90,7 @@ def increments(
         copy_matrix(reference[e], c)
         for i in range(epochs[e] + 1, epochs[e + 1] + 1):
             dt = time[i] - time[i - 1]
-            for k in range(3):
-                phi[FORCE + k] = gravity * c[2, k]
-            fill_force_terms(phi, phi[FORCE : FORCE + 3])
+            fill_force_terms(phi, (gravity * c[2, 0], gravity * c[2, 1], gravity * c[2, 2]))
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
                 inverse_scale_matrix_at_temperature(
