@@ -44,7 +44,7 @@ def kernel_piece(function: F) -> F:
 def kernel_value(function: F) -> F:
     """Compile a small function of numbers as a part of the kernels that call it.
 
-    What it returns, such as a tuple of nine numbers, is never written to memory.
+    So the compiler can keep what it returns, such as a tuple of nine numbers, in registers.
     """
     result: F = _compile(**_OPTIONS, no_cpython_wrapper=True, forceinline=True)(function)
     return result

@@ -22,10 +22,9 @@ from inercal.methods.systematic._kernels import (
     add_white_noise,
     advance_sample,
     apply_matrix,
-    copy_matrix,
     cross,
-    write_product,
 )
+from inercal.methods.turntable.small_matrices import copy_matrix, product
 
 Indices = NDArray[np.int64]
 FILTER_VECTORS, FILTER_MATRICES = SAMPLE_VECTORS + 9, 4
@@ -160,7 +159,7 @@ def _count_from(x: Array, c: Array, v: Array, reference: Array, work: Array, tur
     for i in range(3):
         for j in range(3):
             turned[0, i, j] = reference[j, i]
-    write_product(c, turned[0], turned[1])
+    product(c, turned[0], turned[1])
     for j in range(3):
         work[0, j] = 0.5 * (
             turned[1, (j + 2) % 3, (j + 1) % 3] - turned[1, (j + 1) % 3, (j + 2) % 3]

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kernel_options import kernel, kernel_step
+from inercal.methods.turntable.small_matrices import copy_matrix, product
 
 Indices = NDArray[np.int64]
 VECTORS, MATRICES = 20, 4  # of the working space: (VECTORS, 3) and (MATRICES, 3, 3)
@@ -53,14 +54,6 @@ def copy_vector(v: Array, out: Array) -> None:
 
 
 @kernel_step
-def copy_matrix(a: Array, out: Array) -> None:
-    """Write a 3 × 3 matrix."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, j]
-
-
-@kernel_step
 def write_rotation(x: float, y: float, z: float, out: Array) -> None:
     """Write exp [v×] of v = (x, y, z)."""
     s = x * x + y * y + z * z
@@ -74,14 +67,6 @@ def write_rotation(x: float, y: float, z: float, out: Array) -> None:
     out[0, 1], out[1, 0] = twice * x * y - once * z, twice * x * y + once * z
     out[0, 2], out[2, 0] = twice * x * z + once * y, twice * x * z - once * y
     out[1, 2], out[2, 1] = twice * y * z - once * x, twice * y * z + once * x
-
-
-@kernel_step
-def write_product(a: Array, b: Array, out: Array) -> None:
-    """Write A B; `out` is neither."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
 @kernel_step
@@ -143,9 +128,9 @@ def advance_sample(
     v[2] -= gravity * dt
     cross(d0, d, a)
     write_rotation(d[0] + a[0] / 12, d[1] + a[1] / 12, d[2] + a[2] / 12, turned[0])
-    write_product(c, turned[0], turned[1])
+    product(c, turned[0], turned[1])
     write_rotation(-earth[0] * dt, -earth[1] * dt, -earth[2] * dt, turned[0])
-    write_product(turned[0], turned[1], c)
+    product(turned[0], turned[1], c)
     copy_vector(d, d0)
     copy_vector(u, u0)
 

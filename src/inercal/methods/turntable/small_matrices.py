@@ -1,8 +1,9 @@
-"""Compiled: 3 × 3 matrices and vectors, as arrays or as numbers.
+"""Compiled: vectors and 3 × 3 matrices, as arrays or as tuples of numbers.
 
-As numbers, tuples of 3 and of 9 row after row, a compiler keeps them in registers; it must read an
-array again after each number that is written to another one, for they might overlap. Functions of
-arrays write results to arguments, in place; functions of numbers return them.
+A `Vector` is a tuple of 3 numbers, a `Matrix` a tuple of 9, row after row: the compiler can keep
+tuples in registers. It must read an array again after each write to another array, since the two
+may overlap. Functions of arrays write the result to their last argument; functions of tuples
+return it.
 """
 
 from inercal.arrays import Array
@@ -22,7 +23,7 @@ def copy_matrix(matrix: Array, out: Array) -> None:
 
 @kernel_step
 def product(a: Array, b: Array, out: Array) -> None:
-    """Write the product of 3 × 3 matrices."""
+    """Write the product of 3 × 3 matrices; `out` is neither of them."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
@@ -30,7 +31,7 @@ def product(a: Array, b: Array, out: Array) -> None:
 
 @kernel_value
 def vector(of: Array) -> Vector:
-    """Return the numbers of an array (3,): a compiler keeps them in registers."""
+    """Return the numbers of an array (3,)."""
     return of[0], of[1], of[2]
 
 

@@ -215,7 +215,7 @@ def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made
     """Add C M φ dt, (BASIS, 9), each matrix row after row."""
     for t in range(used.size):
         size, row = phi[used[t]] * dt, made[used[t]]
-        # All are read before any is written, so that they are processed side by side.
+        # All are read before any is written, so that the compiler adds several at once.
         total = (
             row[0] + cm[0] * size, row[1] + cm[1] * size, row[2] + cm[2] * size,
             row[3] + cm[3] * size, row[4] + cm[4] * size, row[5] + cm[5] * size,
