@@ -235,7 +235,7 @@ def _propagate_velocity(
     state.time[0] = now
 
 
-@kernel_piece
+@kernel_step
 def _begin_hold(
     e: int,
     readback: VelocityReadback,
