@@ -1,8 +1,8 @@
 """Two workers against one: commands from start to end, and tasks of 100 ms.
 
 All take their default trials. The budget then takes a few seconds, of which the start of the
-program, 1 to 2 s, is one process' work: it is measured with four times as many trials too. Work
-beside this on the machine lengthens the times with two workers more than those with one.
+program, 1 to 2 s, is one process' work: it is measured with four times as many trials too. Other
+work on the machine lengthens the times with two workers more than those with one.
 """
 
 import os

@@ -83,7 +83,7 @@ _PLANS = {
 
 
 def step_calls(trials: int, seed: int) -> list[Call]:
-    """Return the calls that `section` needs: one a step, the longest first, then two of plans."""
+    """Return the calls that `section` needs: one for each step, then one for each plan."""
     effects = [partial(_step_effect, n, trials, seed) for n in reversed(COUNTS)]
     plans = (position_plan, positions_with_cardinals)
     return [*effects, *(partial(_serving_counts, plan, seed) for plan in plans)]
