@@ -13,10 +13,12 @@ from inercal.calibration import Calibration
 from inercal.calibration.shared_errors import shared_covariance
 from inercal.comparison import changes
 from inercal.errors import InercalError, InputError
+from inercal.keys import CoefficientName
 from inercal.units import ZERO_CELSIUS
 
 ROUNDING = 1e-6  # of u, what cancels in full
 _FIXED_STD = 1e-12  # of a coefficient's natural size: fixed by a frame or a user, not measured
+_MIXED = {"k1", "scale", "delta_o", "delta_p"}  # by a change of the frame or the form
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,15 +174,52 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
             f"its reference temperature is {mine - ZERO_CELSIUS:g} °C, not "
             f"{its - ZERO_CELSIUS:g} °C; calibrate both with one reference temperature"
         )
+    frame = calibration.frame if _states_no_frame(like) else like.frame
+    if _states_no_frame(calibration):
+        calibration = replace(calibration, frame=frame)
     try:
         # The frame first: it keeps the form, and refuses more than the form.
-        turned = _keep_unmeasured(calibration, calibration.in_frame(like.frame))
-        return turned.in_form(like.sensor.form)
+        turned = _keep_unmeasured(calibration, calibration.in_frame(frame))
+        return _keep_unstated(calibration, turned.in_form(like.sensor.form))
     except InercalError as error:
         raise InputError(
             f"its frame is {calibration.frame} and its form {calibration.sensor.form}, not "
-            f"{like.frame} and {like.sensor.form}: {error}"
+            f"{frame} and {like.sensor.form}: {error}"
         ) from None
+
+
+def _states_no_frame(calibration: Calibration) -> bool:
+    """Return whether a calibration of another program leaves the body frame open.
+
+    Without misalignments its scale factors are those along the axes, in whichever frame.
+    """
+    terms = {CoefficientName(name).term for name in calibration.sensor.coefficients}
+    return not calibration.states_uncertainty and not terms & {"delta_o", "delta_p"}
+
+
+def _keep_unstated(calibration: Calibration, turned: Calibration) -> Calibration:
+    """Return a converted calibration without the coefficients that it did not state before.
+
+    A conversion gives the value 0 to terms that are missing. Of a calibration that states
+    uncertainties these have u = 0 and do not count as measured; of one that another program made,
+    0 would be compared as if it had been stated.
+
+    Raises
+    ------
+    InputError
+        A stated coefficient would depend on a missing one.
+    """
+    stated = calibration.sensor.coefficients
+    if calibration.states_uncertainty or set(turned.sensor.coefficients) <= set(stated):
+        return turned
+    missing = [name for name in turned.sensor.coefficients if name not in stated]
+    mixed = [name for name in missing if CoefficientName(name).term in _MIXED]
+    if mixed:
+        raise InputError(f"it does not state {', '.join(mixed)}", names=tuple(mixed))
+    kept = [k for k, name in enumerate(turned.sensor.coefficients) if name in stated]
+    sensor = replace(turned.sensor, coefficients=tuple(turned.sensor.coefficients[k] for k in kept))
+    covariance = turned.covariance[np.ix_(kept, kept)]
+    return replace(turned, sensor=sensor, values=turned.values[kept], covariance=covariance)
 
 
 def _keep_unmeasured(calibration: Calibration, turned: Calibration) -> Calibration:
