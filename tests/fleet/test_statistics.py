@@ -81,15 +81,21 @@ def test_outliers_are_named_and_do_not_enlarge_the_scatter(tmp_path: Path):
     found = statistics(tmp_path, 2_000, Truth(outliers=10))
     named = [one.id for one in found.outliers]
     assert {f"S{k:06d}" for k in range(10)} <= set(named)
-    assert len(named) <= 13
+    assert len(named) <= 12
     bias = of(found, "az.k0").summary
     assert bias.sd < 1.1 * bias.robust_sd
 
 
 def test_few_sensors_have_no_outliers(tmp_path: Path):
-    found = statistics(tmp_path, 20, Truth(outliers=1, lot_size=10))
+    found = statistics(tmp_path, 9, Truth(outliers=1, lot_size=10))
     assert not found.outliers_searched
     assert found.outliers == ()
+
+
+def test_an_outlier_among_fewer_sensors_than_their_covariance_needs_is_named(tmp_path: Path):
+    found = statistics(tmp_path, 20, Truth(outliers=1, lot_size=10))
+    assert [one.id for one in found.outliers] == ["S000000"]
+    assert found.outliers_by_chance == 0.05
 
 
 def test_drift_and_shift_of_a_station_are_found(tmp_path: Path):

@@ -3,7 +3,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from inercal.uncertainty.robust import (
     false_discovery_selection,
-    outliers,
     robust_scale,
     squared_distances,
 )
@@ -26,25 +25,6 @@ def test_distances_of_correlated_values_follow_chi_square():
     for chance, limit in ((0.5, 5.348), (0.05, 12.592), (0.001, 22.458)):
         error = np.sqrt(chance / 20_000)
         assert abs(np.mean(distances > limit) - chance) < 4 * error
-
-
-def test_outliers_of_unusual_correlation_do_not_hide_one_another():
-    """A tenth of the rows differ against the correlation, each column within its usual range."""
-    rng = np.random.default_rng(3)
-    values = correlated(rng, 2_000, 5)
-    middle, scale = np.median(values, axis=0), robust_scale(values)
-    turned = np.array([1.5, -1.5, 1.5, -1.5, 1.5]) + 0.3 * rng.normal(size=(200, 5))
-    values[:200] = middle + scale * turned
-    distances, _ = squared_distances(values)
-    found = outliers(distances, 5)
-    assert set(range(200)) <= set(found.tolist())
-    assert len(found) < 230
-
-
-def test_an_ordinary_fleet_has_few_outliers():
-    rng = np.random.default_rng(4)
-    counts = [len(outliers(squared_distances(correlated(rng, 3_000, 8))[0], 8)) for _ in range(20)]
-    assert np.mean(counts) < 1.5
 
 
 def test_a_column_without_scatter_is_ignored():

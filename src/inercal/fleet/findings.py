@@ -32,7 +32,9 @@ def _findings(found: FleetStatistics) -> list[str]:
             f"{found.population.outdated} results are by another run file: calibrate the line again"
         )
     if found.outliers:
-        texts.append(f"{len(found.outliers)} outliers")
+        texts.append(
+            f"{len(found.outliers)} outliers ({found.outliers_by_chance:g} expected by chance)"
+        )
     drifting = [one for one in found.contrasts if one.significant]
     if drifting:
         names = dict.fromkeys(f"{one.coefficient} ({one.of})" for one in drifting)
@@ -71,6 +73,7 @@ def statistics_object(found: FleetStatistics) -> dict[str, object]:
         "stations": _group_objects(found.stations, population.names),
         "outliers": [vars(one) for one in found.outliers],
         "outliers_searched": found.outliers_searched,
+        "outliers_by_chance": found.outliers_by_chance,
         "trends": [vars(one) for one in found.contrasts if one.of in TRENDS],
         "station_differences": [vars(one) for one in found.contrasts if one.of not in TRENDS],
         "yield": [

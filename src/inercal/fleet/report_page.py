@@ -79,6 +79,7 @@ def page(found: FleetStatistics, line: str) -> str:
         figures=_distribution_figures(found),
         outliers=_outlier_table(found),
         outliers_searched=found.outliers_searched,
+        outliers_by_chance=f"{found.outliers_by_chance:g}",
         contrasts=_contrast_table(found),
         contrast_count=len(found.contrasts),
         groups=[

@@ -27,10 +27,10 @@ from inercal.fleet.control_chart import ControlChart, control_charts
 from inercal.fleet.population import Grouping, Indices, Mask, Population
 from inercal.uncertainty.components import Components, variance_components
 from inercal.uncertainty.conformity import RESULTS, DecisionRule, judge
-from inercal.uncertainty.robust import outliers, robust_scale, squared_distances
+from inercal.uncertainty.outliers import LEAST_ROWS, NAMED_BY_CHANCE, find_outliers
+from inercal.uncertainty.robust import robust_scale, squared_distances
 
 QUANTILES = (0.01, 0.05, 0.25, 0.75, 0.95, 0.99)
-_ROWS_A_COLUMN = 5  # sensors for each coefficient, below which outliers are not searched
 TRENDS = ("serial order", "time")
 
 
@@ -140,6 +140,8 @@ class FleetStatistics:
         The farthest first.
     outliers_searched : bool
         Whether there were enough sensors for the search.
+    outliers_by_chance : float
+        How many would be named, on average, if no sensor differed from the others.
     contrasts : tuple of Contrast
         Trends over serial order and time, and differences of stations.
     yields : tuple of RuleYield
@@ -155,6 +157,7 @@ class FleetStatistics:
     stations: tuple[GroupStatistics, ...]
     outliers: tuple[Outlier, ...]
     outliers_searched: bool
+    outliers_by_chance: float
     contrasts: tuple[Contrast, ...]
     yields: tuple[RuleYield, ...]
     centre: float
@@ -169,8 +172,8 @@ def fleet_statistics(population: Population) -> FleetStatistics:
     InputError
         Fewer than two sensors in each lot.
     """
-    n, p = population.value.shape
-    searched = n >= max(_ROWS_A_COLUMN * p, 2 * p + 2)
+    n = len(population.ids)
+    searched = n >= LEAST_ROWS
     far, named = _outliers(population) if searched else (np.zeros(0, dtype=np.intp), ())
     good = np.ones(n, dtype=bool)
     good[far] = False
@@ -201,6 +204,7 @@ def fleet_statistics(population: Population) -> FleetStatistics:
         _groups(population, population.stations, good),
         named,
         searched,
+        NAMED_BY_CHANCE,
         tuple(marked(contrasts)),
         tuple(_yields(population)),
         centre,
@@ -286,7 +290,7 @@ def _outliers(population: Population) -> tuple[Indices, tuple[Outlier, ...]]:
     scale = np.where(scale > 0, scale, 1.0)
     off = (population.value - np.median(population.value, axis=0)) / scale
     distances, shares = squared_distances(off)
-    found = outliers(distances, int(np.sum(robust_scale(off) > 0)))
+    found = find_outliers(off, distances)
     rows: list[int] = found.tolist()
     worst: list[int] = np.argmax(shares[found], axis=1).tolist()
     return found, tuple(

@@ -1,14 +1,13 @@
-"""Statistics that a few wrong values do not move: scale, covariance, outliers.
+"""Statistics that a few wrong values do not move: scale, covariance, selection by p-values.
 
 The covariance is that of least determinant (Rousseeuw and Van Driessen 1999, Technometrics 41,
 212–223): of the three quarters of the values whose covariance has the least determinant, by their
 concentration steps. Nothing is drawn at random: the steps begin at the half nearest the medians,
 and at the orthogonalised estimator of Gnanadesikan and Kettenring (Maronna and Zamar 2002,
 Technometrics 44, 307–317), pairwise covariances (σ²(x + y) − σ²(x − y))/4 made positive definite
-along their eigenvectors. The values within χ²₀.₉₇₅ of it give the final covariance. Outliers are
-those whose squared distances exceed χ² at a level that keeps the expected share of false ones among
-them below a bound (Benjamini and Hochberg 1995, Journal of the Royal Statistical Society B 57,
-289–300). A tenth of the values may be wrong in one way.
+along their eigenvectors. The values within χ²₀.₉₇₅ of it give the final covariance. A tenth of the
+values may be wrong in one way. p-values are selected so that the expected share of false ones is
+below a bound (Benjamini and Hochberg 1995, Journal of the Royal Statistical Society B 57, 289–300).
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -19,13 +18,16 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 
-FALSE_DISCOVERIES = 0.05  # expected share of false ones among the outliers
+FALSE_DISCOVERIES = 0.05  # expected share of false ones among those selected
 _MAD_TO_SIGMA = 1.482602218505602  # of a normal distribution
 _KEPT = 0.975  # of good values, in the covariance
 _CORE = 0.75  # of all values, of least determinant
 _PASSES, _STEPS = 2, 50
 _SETTLED = 1e-9  # of the logarithm of the determinant
-_RIDGE = 1e-10
+RIDGE = 1e-10
+"""Of a variance: columns that depend on one another, as of a symmetric matrix, have no inverse."""
+ROWS_A_COLUMN = 5
+"""With fewer rows for each column, their covariance says nothing."""
 _BEGIN_ROWS = 20_000  # of which the steps begin
 
 
@@ -40,7 +42,8 @@ def squared_distances(values: Array) -> tuple[Array, Array]:
     Parameters
     ----------
     values : (n, p) array
-        Many more rows than columns. A column without scatter is ignored.
+        A column without scatter is ignored. With fewer than `ROWS_A_COLUMN` rows for each column,
+        correlations are left out.
 
     Returns
     -------
@@ -56,6 +59,9 @@ def squared_distances(values: Array) -> tuple[Array, Array]:
     shares = np.zeros(values.shape)
     if p == 0:
         return np.zeros(len(values)), shares
+    if len(values) < ROWS_A_COLUMN * p:
+        shares[:, used] = scaled**2
+        return shares.sum(axis=1), shares
     near = np.argsort((scaled**2).sum(axis=1))[: max(len(scaled) // 2, p + 1)]
     begins = (
         _orthogonalised(scaled[:: -(-len(scaled) // _BEGIN_ROWS)]),
@@ -90,8 +96,7 @@ def _concentrated(values: Array, centre: Array, covariance: Array) -> tuple[floa
 def _distances(values: Array, centre: Array, covariance: Array) -> tuple[Array, Array]:
     """Return squared distances, scaled to the median of χ², and the parts of the columns."""
     off = values - centre
-    # Columns that depend on one another, such as those of a symmetric matrix, have no inverse.
-    ridge = _RIDGE * float(np.diag(covariance).mean())
+    ridge = RIDGE * float(np.diag(covariance).mean())
     parts = off * np.linalg.solve(covariance + ridge * np.eye(len(covariance)), off.T).T
     distances = parts.sum(axis=1)
     factor = float(scipy.special.chdtri(values.shape[1], 0.5)) / np.median(distances)
@@ -117,24 +122,6 @@ def _orthogonalised(values: Array) -> tuple[Array, Array]:
         turned, back = unit @ axes, back @ (scale[:, None] * axes)
     variance = np.maximum(robust_scale(turned) ** 2, np.finfo(float).tiny)
     return back @ np.median(turned, axis=0), back @ np.diag(variance) @ back.T
-
-
-def outliers(distances: Array, dof: int, rate: float = FALSE_DISCOVERIES) -> NDArray[np.intp]:
-    """Return the places of the outliers, the farthest first.
-
-    Parameters
-    ----------
-    distances : (n,) array
-        Squared, as of `squared_distances`.
-    dof : int
-        Columns with scatter.
-    rate : float
-        Expected share of false ones among them, at most.
-    """
-    if dof == 0:
-        return np.zeros(0, dtype=np.intp)
-    tails: Array = scipy.special.chdtrc(dof, distances)
-    return false_discovery_selection(tails, rate)
 
 
 def false_discovery_selection(tails: Array, rate: float = FALSE_DISCOVERIES) -> NDArray[np.intp]:
