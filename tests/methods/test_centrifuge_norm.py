@@ -23,7 +23,14 @@ from tests.refusals import refused
 from inercal.benches import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
-from inercal.methods.centrifuge_norm import closed_formulas, ml, paper, series
+from inercal.methods.centrifuge_norm import (
+    ClosedFormulas,
+    closed_formulas,
+    ml,
+    paper,
+    series,
+    series_weighted,
+)
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Form, Readout, Sensor, triad
@@ -93,6 +100,43 @@ def test_paper_takes_what_is_cut_off_for_bending():
     assert error[2] == pytest.approx([6.0e-10, 1.06e-7, -2.8e-9], rel=0.05)
     assert np.abs(error[0]).max() < 2e-7
     assert np.abs(error[1]).max() < 7e-7
+
+
+def with_noise(seen: Observations, noise: float) -> Observations:
+    """Return observations with another noise stated, output units."""
+    return replace(seen, covariance=seen.covariance * (noise / NOISE) ** 2)
+
+
+def test_the_equations_of_the_source_run_on_its_own_table(corrected: Array):
+    """(16) to (22) on Table 1, whose only noise is the rounding of the last digit."""
+    _, rates = printed_design()
+    seen, made, spins = table(corrected, rates)
+    for noise in (1e-12, 1e-9, 3e-7):
+        estimate = paper(with_noise(seen, noise), made, BENCH, spins)
+        assert np.isfinite(estimate.covariance).all()
+        assert np.abs(off(estimate.value)[:2]).max() < 1e-5
+        assert estimate.std == pytest.approx(
+            paper(with_noise(seen, 2 * noise), made, BENCH, spins).std / 2
+        )
+    # At 10 µV a fourth-power coefficient is within 2 u of zero, below which it has no root.
+    assert np.isnan(paper(seen, made, BENCH, spins).covariance).all()
+
+
+@pytest.mark.parametrize("estimator", [paper, series, series_weighted])
+def test_u_of_closed_formulas_is_their_scatter(estimator: ClosedFormulas):
+    """Over 400 draws of 1 µV; the band of a standard deviation is two-sided 99.9 %."""
+    f, rates = printed_design()
+    noise, draws = 1e-6, 400
+    rng = np.random.default_rng(5)
+    drawn = TRUTH.output(f) + noise * rng.standard_normal((draws, *f.shape))
+    seen, made, spins = table(drawn, rates)
+    norm = np.hypot(rates**2, PAPER_G)
+    found = closed_formulas.coefficients(
+        made, seen.mean, norm, estimator.invert, weighted=estimator.weighted
+    )
+    exact = with_noise(table(TRUTH.output(f), rates)[0], noise)
+    stated = estimator(exact, made, BENCH, spins).std
+    assert np.abs(found.std(axis=0, ddof=1) / stated - 1).max() < 3.29 / np.sqrt(2 * draws)
 
 
 def test_series_is_left_with_less():

@@ -84,10 +84,11 @@ def _joint_outliers(values: Array, distances: Array, level: float) -> NDArray[np
     mean = near.mean(axis=0)
     scatter = (near - mean).T @ (near - mean)
     for k in range(first, n):
-        off = scaled[order[k]] - mean
+        off = np.asarray(scaled[order[k]] - mean, dtype=np.float64)
         covariance = scatter / (k - 1) + RIDGE * np.eye(p)
-        squared = float(off @ np.linalg.solve(covariance, off)) * k / (k + 1)
-        tail = float(scipy.special.fdtrc(p, k - p, squared * (k - p) / (p * (k - 1))))
+        solved = np.asarray(np.linalg.solve(covariance, off), dtype=np.float64)
+        squared = np.dot(off, solved) * k / (k + 1)
+        tail: Array = scipy.special.fdtrc(p, k - p, squared * (k - p) / (p * (k - 1)))
         if tail * (k + 1) <= level:
             return order[k:]
         mean = mean + off / (k + 1)

@@ -24,7 +24,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.arrays import Array
 from inercal.benches.centrifuge.arm_motion import specific_force_norm
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
@@ -43,7 +42,7 @@ from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
 from inercal.plan import Spin
 from inercal.recording import Finding, Observations
 from inercal.sensors import Sensor
-from inercal.uncertainty import propagate
+from inercal.uncertainty.coverage import COVERAGE
 
 SIGN_NOTE = (
     "norms show neither a reversed axis, whose k0 and k2 only change sign, nor two exchanged axes: "
@@ -143,11 +142,14 @@ class ClosedFormulas:
         From the coefficients of the series to those of the axes.
     weighted : bool
         Whether rows are weighted by the noise of their squared norms.
+    takes_root : bool
+        Whether k2 is the square root of a fourth-power coefficient.
     """
 
     name: str
     invert: closed_formulas.SeriesInverse
     weighted: bool = False
+    takes_root: bool = False
 
     def __call__(
         self,
@@ -177,13 +179,9 @@ class ClosedFormulas:
             bench, steps, {name: np.array(q.value) for name, q in declared.items()}
         )
 
-        def formulas(flat: Array) -> Array:
-            y = flat.reshape(*flat.shape[:-1], *mean.shape)
-            return closed_formulas.coefficients(
-                sensor, y, result.norm, self.invert, weighted=self.weighted
-            )
-
-        value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
+        value = closed_formulas.coefficients(
+            sensor, mean, result.norm, self.invert, weighted=self.weighted
+        )
         rootless = ~np.isfinite(value)
         if rootless.any():
             lost = np.array(sensor.coefficients)[rootless].tolist()
@@ -194,6 +192,15 @@ class ClosedFormulas:
                 "ml",
                 names=axes,
             )
+        slope = closed_formulas.linearise(
+            sensor, mean, result.norm, self.invert, weighted=self.weighted
+        )
+        noise = observations.full_covariance
+        spread = slope.coefficients @ noise @ slope.coefficients.T
+        if self.takes_root:
+            variance = np.diagonal(slope.by_fourth @ noise @ slope.by_fourth.T)
+            if (slope.fourth <= COVERAGE * np.sqrt(variance)).any():
+                spread = np.full_like(spread, np.nan)
         notes = (NOISE_ONLY_NOTE, SIGN_NOTE)
         return with_tests(
             Estimate.from_closed_form(sensor.coefficients, value, spread, singular, notes),
@@ -206,11 +213,11 @@ series = ClosedFormulas("series", closed_formulas.series)
 """By the series' first three coefficients, with equal weights of the rows."""
 series_weighted = ClosedFormulas("series_weighted", closed_formulas.series, weighted=True)
 """As `series`, rows weighted by the noise of their squared norms."""
-paper = ClosedFormulas("paper", closed_formulas.paper)
+paper = ClosedFormulas("paper", closed_formulas.paper, takes_root=True)
 """As the source does, for comparison: k2 from the fourth powers.
 
-A negative fourth coefficient has no square root and is refused; the covariance is NaN where the
-stated noise can make it negative.
+A negative fourth coefficient has no square root and is refused; the covariance is NaN where one is
+within 2u of zero, because the stated noise can then make it negative.
 """
 
 

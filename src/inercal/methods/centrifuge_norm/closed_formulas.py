@@ -18,6 +18,7 @@ of D, which is that of −C₃; (22) upside down. `series` is ours.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from inercal.sensors import G0, Sensor
 
 SeriesInverse = Callable[[Array, Array, Array, Array], tuple[Array, Array, Array]]
 TERMS = ("k0", "k1", "k2")
+_COMPLEX_STEP = 1e-30  # no difference is formed, so no digits are lost
 
 
 def regression_matrix(y: Array) -> Array:
@@ -52,7 +54,7 @@ def paper(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Arr
         bent = 1 + 6 * k + 6 * k**2
         scale = np.sqrt(bent / c2)  # (20)
         bias = -c1 * bent / (2 * c2 * (1 + k) * (1 + 2 * k))  # (22)
-        return scale, bias, -np.sign(c3) * np.sqrt(c4 * scale**4 / 5)  # (21)
+        return scale, bias, -np.sign(np.real(c3)) * np.sqrt(c4 * scale**4 / 5)  # (21)
 
 
 def coefficients(
@@ -81,12 +83,70 @@ def coefficients(
     right = np.swapaxes(q, -1, -2) @ target[:, None]
     c = np.linalg.solve(r, right)[..., 0] / size[..., 0, :]
     scale, bias, bend = invert(*(c[..., k : k + 3] for k in (1, 4, 7, 10)))
-    by_short = {"k0": bias * G0, "k1": scale - 1, "k2": scale * bend / G0}
-    columns: list[Array] = []
-    for name in sensor.coefficients:
-        axis, short = CoefficientName(name).parts
-        columns.append(by_short[short][..., sensor.channels.index(axis)])
-    return np.stack(columns, axis=-1)
+    return _in_order(sensor, np.stack([bias * G0, scale - 1, scale * bend / G0], axis=-2))
+
+
+def _in_order(sensor: Sensor, by_term: Array) -> Array:
+    """Return k0, k1 and k2 of the axes, (..., 3, 3), in the sensor's order, (..., 9)."""
+    names = [CoefficientName(name).parts for name in sensor.coefficients]
+    rows = [TERMS.index(short) for _, short in names]
+    return by_term[..., rows, [sensor.channels.index(axis) for axis, _ in names]]
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Derivatives of the closed formulas by the readings, row by row.
+
+    Parameters
+    ----------
+    coefficients : (9, 3r) array
+        Of k0, k1, k2 in the sensor's order, SI.
+    fourth : (3,) array
+        The fourth-power coefficients C₄ of the axes, 1/g².
+    by_fourth : (3, 3r) array
+        Derivatives of C₄.
+    """
+
+    coefficients: Array
+    fourth: Array
+    by_fourth: Array
+
+
+def linearise(
+    sensor: Sensor, y: Array, norm: Array, invert: SeriesInverse, *, weighted: bool = False
+) -> Linearised:
+    """Return the exact derivatives of `coefficients`; arguments as there, of one recording.
+
+    A row of the regressor depends on its own readings: with the residuals ε of C = A⁺ t,
+    ∂C/∂y = (AᵀA)⁻¹ (∂A/∂y)ᵀ ε − A⁺ (∂A/∂y) C. The inversion is differentiated by a complex step
+    (Squire and Trapp 1998, SIAM Review 40, 110–112): a step of real size could leave no root.
+    """
+    y, norm = y / G0, norm / G0
+    weight = 1 / norm if weighted else np.ones_like(norm)
+    rows, target = regression_matrix(y) * weight[:, None], norm**2 * weight
+    size = np.linalg.norm(rows, axis=0)
+    q, r = np.linalg.qr(rows / size)
+    inverse = np.linalg.solve(r, q.T) / size[:, None]
+    c = inverse @ target
+    left = target - rows @ c
+    power = np.arange(1.0, 5.0)
+    by = np.empty((len(c), *y.shape))
+    for axis in range(3):
+        own = np.arange(1 + axis, 13, 3)  # the four powers of this axis
+        slope = power * y[:, axis, None] ** (power - 1) * weight[:, None]
+        by[:, :, axis] = inverse @ inverse[own].T @ (slope * left[:, None]).T
+        by[:, :, axis] -= inverse * (slope @ c[own])
+    by_powers = by[1:].reshape(4, 3, -1)
+    powers = c[1:].reshape(4, 3)
+    result = np.zeros((3, 3, by_powers.shape[-1]))  # by term and axis
+    for k in range(4):
+        moved = powers.astype(complex)
+        moved[k] += 1j * _COMPLEX_STEP
+        scale, bias, bend = invert(*moved)
+        terms = np.stack([bias * G0, scale - 1, scale * bend / G0])
+        result += (terms.imag / _COMPLEX_STEP)[:, :, None] * by_powers[k]
+    in_order = _in_order(sensor, np.moveaxis(result, -1, 0)).T
+    return Linearised(in_order / G0, powers[3], by_powers[3] / G0)
 
 
 def regression_singular_values(sensor: Sensor, y: Array, name: str) -> Array:

@@ -67,12 +67,15 @@ def judge_estimate(entry: PrintedEstimate, trials: CentrifugeTrials) -> ClaimRes
     noise, error = trials.std("paper")[at], trials.std_error("paper")[at]
     missed = entry.value - true
     if entry.quantity == "D":
+        likely = trials.std("ml")[at]
         return judge_claim(
             result, noise / true, error / true,
             f"by (21) noise of 10⁻⁵ V scatters it by {format_significant(noise)} 1/g, "
             f"{format_significant(abs(noise / missed), 3)} times the printed error, and "
             f"{trials.rootless:.1%} of trials have no root; without noise (21) gives "
-            f"{format_significant(true + clean, 7)} 1/g",
+            f"{format_significant(true + clean, 7)} 1/g; by maximum likelihood the same noise "
+            f"scatters it by {format_significant(likely)} 1/g, "
+            f"{format_significant(abs(likely / missed), 2)} times the printed error",
         )  # fmt: skip
     text = (
         f"noise of 10⁻⁵ V scatters it by {format_significant(noise)}, the printed estimate is "
