@@ -1,6 +1,7 @@
 """Small files: whatever stands in their place, reading ends, in one line."""
 
 import os
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,36 @@ def test_a_file_nested_deeply_is_refused(tmp_path: Path, reader: object, text: s
     path.write_text(text)
     with refused(file=path.name):
         reader(path)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("part", ["a", "'a b'", '"a.b"', "é"])
+@pytest.mark.parametrize("around", ["{} = 1", "[{}]", "x = {{ {} = 1 }}", "[[ {} ]]"])
+def test_a_deep_key_is_refused_before_it_takes_memory(part: str, around: str):
+    """Parsed, a key of 100 000 levels takes gigabytes."""
+    text = around.format(" . ".join([part] * 100_000))
+    tracemalloc.start()
+    with refused():
+        parse_toml(text)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 * len(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'x = "{}"',
+        "x = '{}'",
+        'x = """\n{}\n\\"""',
+        "x = '''\n{}\n'''",
+        "# {}\nx = 1",
+        'x = "\\"{}"',
+        "x = [" + "1.5, 2.5, " * 100 + "]  # {}",
+    ],
+)
+def test_dots_in_strings_and_comments_are_no_levels(text: str):
+    text = text.replace('\\"""', '"""').format(".".join("a" * 100))
+    assert list(parse_toml(text)) == ["x"]
 
 
 def test_nesting_up_to_the_limit_is_accepted():

@@ -26,6 +26,12 @@ if TYPE_CHECKING:
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 LARGEST = 4 << 20  # bytes; run files have a few kilobytes
 DEEPEST = 32  # levels of sections and lists
+# Strings and comments, which may contain anything; then a dotted key of more levels. Quantifiers
+# are possessive, and a key is tried at its begin only, so that the time is that of reading.
+_STRING_OR_COMMENT = re.compile(
+    r'''"""(?s:[^"\\]|\\.|"(?!""))*+"""|'{3}(?s:.)*?'{3}|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'|#[^\n]*+'''
+)
+_DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST}}}")
 
 
 def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> bytes:
@@ -92,8 +98,12 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
     InputError
         It is not TOML, not UTF-8, or nested deeper than `DEEPEST`; the caller adds the file's name.
     """
+    text = raw if isinstance(raw, str) else _decoded(raw, what)
+    # Before parsing: the memory that a dotted key takes grows with the square of its depth.
+    if _DEEP_KEY.search(_STRING_OR_COMMENT.sub("x", text)):
+        raise InputError(_too_deep(what))
     try:
-        content = tomllib.loads(raw if isinstance(raw, str) else _decoded(raw, what))
+        content = tomllib.loads(text)
     except ValueError as error:  # of the grammar, or an integer of 5000 digits
         place = re.search(r"at line (\d+)", str(error))
         line = int(place[1]) if place else None

@@ -6,14 +6,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
+from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_LZMA, ZipFile
 
 import numpy as np
 import pytest
 from tests.program import run_program
 
+from inercal.bundles import reproduce_bundle
 from inercal.calibration.files import load, save
 from inercal.comparison.recomputation import largest_change
+from inercal.errors import InputError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "six_position"
 
@@ -112,6 +114,29 @@ def test_a_changed_bundle_is_refused(
     ended = run_program("reproduce", bundle)
     assert ended.status == 2
     assert word in ended.error
+
+
+@pytest.mark.parametrize("method", [ZIP_DEFLATED, ZIP_BZIP2, ZIP_LZMA])
+def test_a_damaged_bundle_is_one_line(bundle: Path, tmp_path: Path, method: int):
+    """Each compression raises an error of its own on bytes that were changed."""
+    packed = tmp_path / "packed.zip"
+    with ZipFile(bundle) as archive, ZipFile(packed, "w", method) as target:
+        for name in archive.namelist():
+            target.writestr(name, archive.read(name))
+    good = packed.read_bytes()
+    rng = np.random.default_rng(1)
+    refusals = 0
+    for _ in range(40):
+        raw = bytearray(good)
+        for place in rng.integers(30, len(raw), 4).tolist():
+            raw[place] ^= int(rng.integers(1, 256))
+        packed.write_bytes(raw)
+        try:
+            reproduce_bundle(packed)
+        except InputError as error:
+            assert str(packed) in str(error) or packed.name in str(error)
+            refusals += 1
+    assert refusals > 30
 
 
 @pytest.mark.parametrize("name", ["run.toml", "positions.csv"])

@@ -28,6 +28,15 @@ def test_values_are_substituted_not_text(tmp_path: Path):
     assert line.template["method"]["window"] == "{window:number}"
 
 
+def test_a_date_in_the_template_is_that_of_every_run(tmp_path: Path):
+    """TOML writes dates without quotes."""
+    template = TEMPLATE + "\n[job]\nmeasured = 2026-11-25\ncustomer = '{lot}'\n"
+    line = read_line(write_line(tmp_path, template, "id,recording,lot\na,1,L7\n"))
+    assert line.placeholders >= {"lot"}
+    run = line.run(line.rows[0])
+    assert (run.job["measured"], run.job["customer"]) == ("2026-11-25", "L7")
+
+
 def test_a_dotted_column_replaces_a_key_where_it_is_not_empty(tmp_path: Path):
     table = "id,recording,bench.gravity,sensor.accelerometer.unit\na,1,9.79 m/s²,\nb,2,,m/s²\n"
     line = read_line(write_line(tmp_path, TEMPLATE, table))

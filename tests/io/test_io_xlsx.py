@@ -209,6 +209,11 @@ print(after.ru_maxrss - before.ru_maxrss, after.ru_utime - before.ru_utime)
         ("xl/worksheets/sheet1.xml", b"", "refused [data] most_values"),
         ("xl/styles.xml", b"", "refused [data] most_values"),
         ("xl/worksheets/sheet1.xml", SHEET, "rows 2"),
+        (
+            "xl/worksheets/sheet1.xml",
+            SHEET.replace(b'row r="1048576"', b'row r="1000000000000"'),
+            "refused None",
+        ),
         ("xl/worksheets/sheet1.xml", LAUGHS, "refused None"),
         ("xl/workbook.xml", LAUGHS, "refused None"),
     ],

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
-from zipfile import ZIP_DEFLATED, BadZipFile, ZipFile, ZipInfo, is_zipfile
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo, is_zipfile
 
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
@@ -20,6 +20,7 @@ from inercal.comparison.recomputation import largest_change
 from inercal.errors import InputError
 from inercal.io.atomic_files import atomic_write
 from inercal.io.column_table import file_sha256
+from inercal.io.damaged_files import refuse_damage
 from inercal.pipeline import Outcome, calibrate
 from inercal.runfile import read
 from inercal.self_check import machine, versions
@@ -151,7 +152,7 @@ def _extract(path: Path, folder: Path) -> dict[str, Any]:
     SHA-256 that it states.
     """
     try:
-        with ZipFile(path) as archive:
+        with refuse_damage(path, "a bundle", "bundle it again"), ZipFile(path) as archive:
             manifest = _manifest(archive, path)
             need = sum(one["bytes"] for one in manifest["files"].values())
             if need > shutil.disk_usage(folder).free:
@@ -169,8 +170,8 @@ def _extract(path: Path, folder: Path) -> dict[str, Any]:
                     shutil.copyfileobj(source, copy)
                 if file_sha256(target) != one["sha256"]:
                     raise _damaged(path, name)
-    except (BadZipFile, KeyError, OSError, EOFError, NotImplementedError, RuntimeError) as error:
-        raise InputError(f"{path}: the bundle is damaged: {error}", file=path) from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error}", file=path) from None
     return manifest
 
 

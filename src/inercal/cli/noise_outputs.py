@@ -77,16 +77,15 @@ class NoiseFiles:
 
 def _merged_run_file(noise: "SensorNoise", path: Path) -> str:
     """Return the text of a run file with the noise in its sections."""
-    import tomllib
-
     from inercal.errors import InputError
     from inercal.noise.noise_files import merge_sections, run_file_sections
+    from inercal.small_files import parse_toml
 
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     merged = merge_sections(text, run_file_sections(noise))
     try:
-        tomllib.loads(merged)
-    except tomllib.TOMLDecodeError as error:
+        parse_toml(merged, "run file")
+    except InputError as error:
         raise InputError(
             f"{path}: the noise cannot be written into this file ({error}): write to a new file",
             file=path,

@@ -147,7 +147,10 @@ def draft_run_file(
     radius_text = stated.get("bench.radius")
     length = partial(measured_constant, like="m", key="[bench] radius", last_digit=False)
     radius = None if radius_text is None else length(radius_text).value
-    readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
+    try:
+        readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
+    except InputError as error:
+        raise error.located(logs[0]) from None
     noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" else {}
     entries = (
         DraftKey("sensor", "name", logs[0].stem, "change it to the sensor's serial number"),

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from inercal.drafts.column_values import FEWEST_SAMPLES
 from inercal.errors import InputError
 from inercal.io.column_table import Table
+from inercal.io.mean_tables import number_column
+from inercal.io.row_checks import is_usable
 
 _MOSTLY = 0.5  # of the rows: a column of another rate, or of nothing, has fewer numbers
 
@@ -40,15 +42,19 @@ def finite_rows(table: Table, names: Iterable[str] | None = None) -> Table:
 
 
 def require_finite_rows(log: Path, table: Table, names: Sequence[str]) -> None:
-    """Refuse a recording whose columns of a sensor, or of time, hold rows without numbers.
+    """Refuse a table whose columns of a sensor, or of time, hold rows without numbers.
 
     Raises
     ------
     InputError
         It names the first row and the file's own column.
     """
+    if names and table.columns[names[0]].size < FEWEST_SAMPLES:
+        for name in names:
+            number_column(log, table, name, "write the mean")
+        return
     found = list(_bad_rows(table, names))
-    if not found or found[0][1].size < FEWEST_SAMPLES:
+    if not found:
         return
     rows = np.any([bad for _, bad in found], axis=0)
     count = int(rows.sum())
@@ -57,7 +63,8 @@ def require_finite_rows(log: Path, table: Table, names: Sequence[str]) -> None:
     first = int(np.argmax(rows))
     name = next(name for name, bad in found if bad[first])
     raise InputError(
-        f"{log}: {count} row{'s' * (count > 1)} without a finite number, the first {name} at "
+        f"{log}: {count} row{'s' * (count > 1)} with a number that is missing, not finite or too "
+        f"large, the first {name} at "
         f"{table.place(first)}: remove them, or state --set data.nonfinite=drop",
         file=log,
         key="data.nonfinite",
@@ -70,4 +77,4 @@ def _bad_rows(table: Table, names: Iterable[str]) -> Iterable[tuple[str, NDArray
     for name in names:
         column = table.columns[name]
         if column.dtype.kind != "U":
-            yield name, ~np.isfinite(column.astype(np.float64))
+            yield name, ~is_usable(column.astype(np.float64))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.errors import InputError
 from inercal.recording import Indices
 from inercal.segments.gravity_turns import (
     GravityTurns,
@@ -113,7 +114,19 @@ def rest_means(sections: Indices, force: Array, rate: Array | None) -> QuietMean
 
 
 def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
-    """Return the accelerometers' readout by the size of gravity in means at rest, (k, 3)."""
+    """Return the accelerometers' readout by the size of gravity in means at rest, (k, 3).
+
+    Raises
+    ------
+    InputError
+        All means are zero.
+    """
+    if not means.any():
+        raise InputError(
+            "the accelerometers read 0 at rest: check that the sensor is connected and awake, and "
+            "that these are its columns",
+            key="data.accelerometer",
+        )
     centre, radius = sphere(means)
     named = _ACCELEROMETER_UNITS.get(stated or "")
     if named is not None and stated is not None:

@@ -1,6 +1,5 @@
 """Keys of a run file that the user states as text: `data.rate=100 Hz`, `data.gyro=[5, 6, 7]`."""
 
-import tomllib
 from collections.abc import Mapping
 from difflib import get_close_matches
 from types import UnionType
@@ -14,6 +13,7 @@ from inercal.errors import InputError
 from inercal.io.column_table import Table, select_columns
 from inercal.io.readers import known_options
 from inercal.runfile.schema import RunSchema
+from inercal.small_files import parse_toml
 
 _TRIADS = ("accelerometer", "gyro")
 _COLUMNS = (*_TRIADS, *NAMES)
@@ -116,8 +116,8 @@ def _list(key: str, text: str) -> list[Any]:
 
 def _toml(text: str, otherwise: Any) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}")["value"]
+    except InputError:
         return otherwise
 
 

@@ -80,7 +80,7 @@ class Line:
     @cached_property
     def placeholders(self) -> frozenset[str]:
         """The columns that the template names."""
-        return frozenset(name for name, _ in _PLACEHOLDER.findall(json.dumps(self.template)))
+        return frozenset(name for name, _ in _PLACEHOLDER.findall(self._template_text))
 
     def run(self, row: SensorRow) -> "Run":
         """Return the run of a sensor, checked.
@@ -111,9 +111,13 @@ class Line:
         return tuple(row.columns.get(name, "") for name in self._used)
 
     @cached_property
+    def _template_text(self) -> str:
+        # TOML has dates, which JSON has not.
+        return json.dumps(self.template, sort_keys=True, ensure_ascii=False, default=str)
+
+    @cached_property
     def _template_hash(self) -> Any:
-        text = json.dumps(self.template, sort_keys=True, ensure_ascii=False, default=str)
-        return sha256(text.encode())
+        return sha256(self._template_text.encode())
 
     @cached_property
     def _used(self) -> tuple[str, ...]:

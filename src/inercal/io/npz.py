@@ -1,8 +1,6 @@
 """NumPy archives: one array a column, or one array "data" with its "columns"."""
 
-import struct
 import zipfile
-import zlib
 from collections.abc import Iterator
 from math import prod
 from pathlib import Path
@@ -21,24 +19,12 @@ from inercal.io.column_table import (
     label_array,
     refuse_unequal_lengths,
     select_columns,
-    shorten,
 )
+from inercal.io.damaged_files import refuse_damage
 from inercal.io.readers import Reader
 from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
 _MAGIC = b"\x93NUMPY"
-# Raised by the standard library and NumPy on archives whose bytes were changed.
-_DAMAGED = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    EOFError,
-    ValueError,
-    RuntimeError,
-    OverflowError,
-    MemoryError,
-    OSError,
-)
 
 
 def read_npz(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
@@ -60,18 +46,12 @@ def read_npz(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) ->
         The file cannot be read.
     """
     # After an error NumPy leaves open a file that it opened itself.
-    with path.open("rb") as file:
-        try:
-            zipfile.ZipFile(file).close()
-            file.seek(0)
-            with np.load(file, allow_pickle=False) as archive:
-                _refuse_too_large(archive, wanted, path.name, most_values)
-                names, columns, block = _columns(archive, wanted, path.name)
-        except _DAMAGED as error:
-            raise InputError(
-                f"{path.name} is not an .npz archive or is damaged: "
-                f"{shorten(str(error), 120)}; write the file again"
-            ) from error
+    with path.open("rb") as file, refuse_damage(path, "an .npz archive", "write the file again"):
+        zipfile.ZipFile(file).close()
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as archive:
+            _refuse_too_large(archive, wanted, path.name, most_values)
+            names, columns, block = _columns(archive, wanted, path.name)
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
 
 

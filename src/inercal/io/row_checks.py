@@ -33,13 +33,13 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> R
         columns["temperature"] = recording.temperature
     rows = np.zeros(recording.time.size, np.bool_)
     for values in columns.values():
-        rows |= ~_is_usable(values)
+        rows |= ~is_usable(values)
     count = int(rows.sum())
     if count == 0:
         return RowCheck([])
     first = int(np.argmax(rows))
     name = next(
-        name for name, values in columns.items() if not _is_usable(values[first : first + 1]).all()
+        name for name, values in columns.items() if not is_usable(values[first : first + 1]).all()
     )
     kind = (
         "a finite number"
@@ -55,7 +55,7 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> R
     return RowCheck([Finding("refused", "nonfinite", f"{text}: {advice}", name, first, first + 1)])
 
 
-def _is_usable(values: Array) -> NDArray[np.bool_]:
+def is_usable(values: Array) -> NDArray[np.bool_]:
     """Return which values are finite and small enough to be squared and summed."""
     return (values > -TOO_LARGE) & (values < TOO_LARGE)
 

@@ -33,6 +33,7 @@ from inercal.io.readers import Option, Reader
 from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
 _SNIFFED_ROWS = 100
+_MOST_ROWS = 1 << 20
 _TEXT_COST = 8  # bytes in memory for a byte of shared texts and styles, which are loaded whole
 _OLD, _OPEN_DOCUMENT = b"\xd0\xcf\x11\xe0", b"mimetype"  # .xls at 0, .ods at 30
 
@@ -117,6 +118,11 @@ def _rows(sheet: Any) -> Iterator[tuple[int, list[Cell]]]:
     # A workbook may state a size of 10^10 cells: rows are read as long as they are.
     sheet.reset_dimensions()
     for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
+        if number > _MOST_ROWS:  # of a gap before such a row openpyxl makes empty ones for hours
+            raise InputError(
+                f"sheet {sheet.title!r} has a row beyond {_MOST_ROWS}, the last that Excel has; "
+                "the workbook is damaged: save it again"
+            )
         cells = [_cell(value) for value in row]
         while cells and cells[-1] is None:
             cells.pop()
