@@ -1,4 +1,4 @@
-"""Text for a terminal: what a name, a note or a file brings along never controls the terminal."""
+"""Text for others, which controls no terminal and no spreadsheet, whatever a name contains."""
 
 import unicodedata
 
@@ -26,3 +26,24 @@ def visible_text(text: str, keep: str = "") -> str:
         ascii(one)[1:-1] if unicodedata.category(one) in _HIDDEN and one not in keep else one
         for one in text
     )
+
+
+def spreadsheet_cell(text: str) -> str:
+    """Return text as a cell of a CSV file that no spreadsheet takes for a formula.
+
+    A text that begins like a formula gets an apostrophe, which spreadsheets do not show. Numbers
+    stay as they are.
+
+    Examples
+    --------
+    >>> [spreadsheet_cell(text) for text in ("=1+1", "-0.5", "A-17")]
+    ["'=1+1", '-0.5', 'A-17']
+    """
+    shown = visible_text(text)
+    if not shown.startswith(("=", "+", "-", "@")):
+        return shown
+    try:
+        float(shown)
+    except ValueError:
+        return f"'{shown}"
+    return shown

@@ -13,6 +13,7 @@ from inercal.export.model import UNITS, ExportModel
 from inercal.export.ranges import Ranges
 from inercal.export.target_definition import Rendering, Target
 from inercal.units import ZERO_CELSIUS
+from inercal.visible_text import visible_text
 
 _WIDTH = 96
 _KINDS = {"f": "specific force", "w": "angular rate"}
@@ -28,7 +29,8 @@ def plain_text(text: str) -> str:
     >>> plain_text("µg */ B²")
     'ug * / B^2'
     """
-    plain = unicodedata.normalize("NFKD", " ".join(text.split()).translate(_ASCII))
+    shown = visible_text(" ".join(text.split()))
+    plain = unicodedata.normalize("NFKD", shown.translate(_ASCII))
     plain = plain.encode("ascii", "ignore").decode().replace("\\", "/").replace("??", "? ?")
     return plain.replace("*/", "* /").replace("/*", "/ *")
 

@@ -12,6 +12,7 @@ from inercal.fleet import results
 from inercal.fleet.line import Line, SensorRow
 from inercal.io.atomic_files import atomic_write, atomic_write_all, make_folder
 from inercal.uncertainty.coverage import COVERAGE
+from inercal.visible_text import spreadsheet_cell
 
 COLUMNS = (
     "id", "recording", "lot", "station", "measured", "status", "error", "grade", "conformity",
@@ -55,16 +56,21 @@ def export_table(line: Line, folder: Path, path: Path) -> int:
     with atomic_write(path) as temporary:
         if path.suffix == ".csv":
             with temporary.open("w", encoding="utf-8", newline="") as file:
-                writer = csv.DictWriter(file, list(table[0]))
-                writer.writeheader()
-                writer.writerows(
-                    {name: "" if one != one else one for name, one in row.items()} for row in table
-                )
+                writer = csv.writer(file)
+                writer.writerow(map(_cell, table[0]))
+                writer.writerows(map(_cell, row.values()) for row in table)
         else:
             arrow: Any = import_module("pyarrow")
             parquet: Any = import_module("pyarrow.parquet")
             parquet.write_table(arrow.Table.from_pylist(table), temporary)
     return len(table)
+
+
+def _cell(value: Any) -> Any:
+    """Return a cell of a CSV file: empty for not a number, a text that is no formula."""
+    if isinstance(value, str):
+        return spreadsheet_cell(value)
+    return "" if value is None or value != value else value
 
 
 def _wide_row(row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from inercal.export.targets.shared import (
     written,
 )
 from inercal.sensors import SI_UNITS
+from inercal.visible_text import spreadsheet_cell
 
 _DIGITS = 15
 
@@ -26,7 +27,8 @@ def _render(request: Request) -> Rendering:
     units = [UNITS[kind] for kind, _ in model.triads for _ in range(3)]
     outputs = [triad.unit for _, triad in model.triads for _ in range(3)]
     motions = [kind + axis for kind, _ in model.triads for axis in "xyz"]
-    channels = [model.sensor.channels[row] for _, triad in model.triads for row in triad.rows]
+    rows = [row for _, triad in model.triads for row in triad.rows]
+    channels = [spreadsheet_cell(model.sensor.channels[row]) for row in rows]
 
     def write(header: Sequence[str]) -> str:
         text = StringIO()
@@ -44,7 +46,7 @@ def _render(request: Request) -> Rendering:
         ):
             unit = SI_UNITS[model.sensor.coefficient(full).unit]
             row = (number(value, _DIGITS), number(std, 6), unit)
-            table.writerow(("coefficient", full, "", *row))
+            table.writerow(("coefficient", spreadsheet_cell(full), "", *row))
         return comments(header, "#") + text.getvalue()
 
     return Rendering(
