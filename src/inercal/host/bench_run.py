@@ -48,13 +48,14 @@ from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
 from inercal.host.sequencer import Sequencer
 from inercal.host.spin_sequencer import SpinSequencer
-from inercal.host.table_driver import TableDriver
+from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_state_codec import pack_state
 from inercal.host.task_sequencer import Command
 from inercal.host.tasks import HostPlan, SpinTask, TurnTask, host_plan
 
 SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
 _PACKET_TIMEOUT = 5.0  # s
+_SIMULATED_READ_TIMEOUT = 1.0  # s
 # Time that recording goes on, s: the last samples wait for the table's next reading
 _RECORDING_TAIL = 1.0
 _PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that it looks for a table that is gone
@@ -124,7 +125,9 @@ class BenchRun:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
             # What was sensed before was checked by the host of then, and may be mended since.
             self._checked_from = self.recorder.assembly.last_reading_time
-            self._table = opened.enter_context(open_table(addresses.table, bench))
+            # A simulated table may wait for a machine that is busy.
+            timeout = _SIMULATED_READ_TIMEOUT if addresses.clock else READ_TIMEOUT
+            self._table = opened.enter_context(open_table(addresses.table, bench, timeout))
             self._clock, self._last_checks = self._open_clock(addresses)
             opened.callback(self._clock.close)
             self._interlocks = self._create_interlocks()

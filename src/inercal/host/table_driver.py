@@ -28,6 +28,10 @@ from inercal.host.task_sequencer import (
     SpinCommand,
 )
 
+READ_TIMEOUT = 0.45  # s that a reply of a real table may take; they take milliseconds
+# Time without a reading after which a table that may turn is stopped, s. A reading that fails once
+# is read again: one stall, or one wrong byte, is no reason to stop.
+_BLIND_LIMIT = 0.4
 _MAX_FAILED_READINGS = 5  # readings in a row that may fail
 _GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
 _REST_TIMEOUT = 12.0  # s of the wall's to come to rest in, seen by the watchdog
@@ -65,9 +69,13 @@ class TableDriver:
         self._table, self._guard, self._now, self._say = table, guard, now, say
         self._commanded, self._failed_readings, self._shortest_round_trip = False, 0, inf
         self._servos_off = False
+        self._last_reading, self._stopped_blind, self._may_turn = monotonic(), False, False
 
     def read(self) -> tuple[float, TableState] | None:
         """Return when the table was read, s of the run, and its state; None where that failed.
+
+        A table that may turn is stopped, by the watchdog too, when it could not be read for
+        `_BLIND_LIMIT`.
 
         Raises
         ------
@@ -81,6 +89,7 @@ class TableDriver:
         except (ProtocolError, LinkLost) as error:
             # One stall of a machine or a network is not the end: the driver connects anew.
             self._failed_readings += 1
+            self._stop_blind()
             self._say("warning", str(error))
             if self._failed_readings == _MAX_FAILED_READINGS:
                 raise LinkLost(
@@ -89,6 +98,7 @@ class TableDriver:
                 ) from error
             return None
         self._failed_readings = 0
+        self._last_reading, self._stopped_blind = monotonic(), False
         # Clocks are tied by the least that comes later than the table says: of a state that comes
         # late no more is taken off than of the fastest.
         answered = self._now()
@@ -101,7 +111,26 @@ class TableDriver:
         self.at_rest = not self._commanded and all(
             abs(axis.rate) < REST_RATE and not axis.moving for axis in state.axes
         )
+        self._may_turn = not self.at_rest
         return time, state
+
+    def _stop_blind(self) -> None:
+        """Stop a table that cannot be read, by host and watchdog; once until it can be read."""
+        blind = monotonic() - self._last_reading
+        if self._stopped_blind or not self._may_turn or blind < _BLIND_LIMIT:
+            return
+        self._stopped_blind = True
+        told = self._guard.stop()
+        try:
+            self._table.stop()
+            answer = "the table answered the stop"
+        except (TableFault, ProtocolError) as error:
+            answer = f"a stop was sent to the table without an answer ({error})"
+        except LinkLost as error:
+            answer = f"no stop could be sent to the table ({error})"
+        does = "stops it too" if told else "is gone too: cut the table's power"
+        words = f"the table could not be read for {blind:.2g} s: {answer}; the watchdog {does}"
+        self._say("alarm", words)
 
     def send(self, commands: Sequence[Command]) -> None:
         """Tell the table what to do before it is read next; nothing, maybe.
@@ -112,6 +141,7 @@ class TableDriver:
             It refuses, or was not reached.
         """
         self._commanded = bool(commands)
+        self._may_turn |= self._commanded
         self.at_rest = self.at_rest and not commands
         for command in commands:
             match command:

@@ -6,7 +6,8 @@ not come whole in time, or what comes is no reply, the controller is told to for
 connection is given up; the next request opens another, which bytes under way to the old one cannot
 reach. A request is not repeated, as the command may have been executed.
 
-Commands that stop the table do not wait that long: see `control` and `ask_now`.
+Commands that stop the table wait for no answer that came late, and none of a new connection: see
+`control` and `ask_now`.
 """
 
 from collections.abc import Callable
@@ -43,6 +44,7 @@ class PmacDialogue(Closeable):
         self._timeout = timeout
         self._opener = opener
         self._link: Link | None = None
+        self._formatted = False
         self._connect()
 
     def ask(self, line: str, replies: int = 0) -> list[str]:
@@ -58,7 +60,7 @@ class PmacDialogue(Closeable):
         LinkLost
             The connection is lost, or cannot be opened; the next call opens another.
         """
-        link = self._link or self._connect()
+        link = self._connect()
         try:
             if stray := link.read(codec.CHUNK_SIZE, 0.0):
                 raise ProtocolError(
@@ -73,10 +75,12 @@ class PmacDialogue(Closeable):
     def ask_now(self, line: str, replies: int) -> list[str]:
         """As `ask`, within `STOP_TIMEOUT`, and though an earlier request is unanswered.
 
+        The line is sent on a new connection before anything is answered there.
+
         After a `ProtocolError` the connection stays as it is, so that the next command of a stop
         need not wait for another; the caller gives it up when all are sent.
         """
-        link = self._link or self._connect()
+        link = self._open()
         try:
             return self._exchange(link, line, replies, STOP_TIMEOUT)
         except LinkLost:
@@ -88,14 +92,15 @@ class PmacDialogue(Closeable):
 
         The manual leaves open what answers a character that reports nothing. Any byte counts; then
         a FLUSH, whose answer is known, ends whatever else comes. Without an answer the connection
-        stays, so that the next command of a stop can be sent at once.
+        stays, so that the next command of a stop can be sent at once. On a new connection it is the
+        first that is sent: a controller whose replies are late or garbled may still obey.
 
         Raises
         ------
         LinkLost
             The connection is lost, or cannot be opened; the next call opens another.
         """
-        link = self._link or self._connect()
+        link = self._open()
         try:
             link.read(codec.CHUNK_SIZE, 0.0)  # what has arrived before is no answer
             link.write(codec.control_request(letter))
@@ -121,6 +126,7 @@ class PmacDialogue(Closeable):
         if self._link is not None:
             self._link.close()
             self._link = None
+            self._formatted = False
 
     def _exchange(self, link: Link, line: str, replies: int, timeout: float) -> list[str]:
         """Send a command line and return the lines that answer it."""
@@ -149,9 +155,17 @@ class PmacDialogue(Closeable):
             )
         return lines
 
+    def _open(self) -> Link:
+        """Return the connection, opened if there is none; nothing was sent on it yet then."""
+        if self._link is None:
+            self._link = self._opener(self.address)
+        return self._link
+
     def _connect(self) -> Link:
-        """Open a connection, and bring replies into the format that the codec reads."""
-        link = self._opener(self.address)
+        """Return the connection, with replies in the format that the codec reads."""
+        link = self._open()
+        if self._formatted:
+            return link
         came = bytearray()
         reader = codec.ReplyReader(_REPLY_FORMAT_COMMAND)
 
@@ -176,7 +190,7 @@ class PmacDialogue(Closeable):
                     "check the address, the cable and the power"
                 )
         except BaseException:
-            link.close()
+            self.close()
             raise
-        self._link = link
+        self._formatted = True
         return link

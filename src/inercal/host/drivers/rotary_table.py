@@ -181,7 +181,11 @@ class RotaryTable(Protocol):
         ...
 
     def stop(self) -> None:
-        """Decelerate all axes and hold them. No safety function: that is the hardware interlock."""
+        """Decelerate all axes and hold them. No safety function: that is the hardware interlock.
+
+        The command is sent before any answer is waited for, also on a new connection.
+        `ProtocolError` says that it was not answered, `LinkLost` that no connection was possible.
+        """
         ...
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:

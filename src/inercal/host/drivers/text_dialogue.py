@@ -50,7 +50,7 @@ class TextDialogue(Closeable):
         LinkLost
             The link is lost and cannot be opened anew; the next call tries again.
         """
-        link = self._link or self._open()
+        link = self._link or self._open(settle=not urgent)
         came = bytearray()
 
         def whole(data: bytes) -> bool:
@@ -92,10 +92,11 @@ class TextDialogue(Closeable):
             self._link.close()
             self._link = None
 
-    def _open(self) -> Link:
+    def _open(self, *, settle: bool = True) -> Link:
+        """Return a new link; one that settles is silent before anything is sent on it."""
         self.close()
         link = self._opener(self.address)
-        if link.address.startswith("serial:"):
+        if settle and link.address.startswith("serial:"):
             # Another program that talks there would keep it from ever being silent.
             for _ in range(_MAX_STRAY_READS):
                 if not link.read(_MAX_REPLY_SIZE, self._timeout):

@@ -11,7 +11,8 @@ table although the host is blocked or has ended. It reads a pipe to which only t
 It writes lines: `ready`, `stopping: WHY`, `at rest`, `killed: WHY`, `cannot: WHY`. Between
 `stopping` and `at rest` it stops any axis that turns again; the host must not command the table.
 
-It stops by `RotaryTable.stop`: all axes decelerate and are held. It kills an axis that does not
+It stops by `RotaryTable.stop`, which sends the command before it waits for any answer: all axes
+decelerate and are held. It kills an axis that does not
 decelerate as its limits allow; that axis coasts. It measures the deceleration by the clock of the
 controller, where there is one. It does not stop a table at rest whose servos are all off, as that
 would switch them on. Where the link is lost, it connects again and stops again, until the table is

@@ -10,7 +10,12 @@ from time import monotonic
 from typing import NamedTuple
 
 from inercal.host.addresses import allows_second_connection, open_table
-from inercal.host.drivers.rotary_table import REST_RATE, RotaryTable, TableState
+from inercal.host.drivers.rotary_table import (
+    REST_RATE,
+    ProtocolError,
+    RotaryTable,
+    TableState,
+)
 
 _TIMEOUT = 0.5  # s of a reply
 _START_ATTEMPTS = 4  # to find the table at the beginning
@@ -175,12 +180,12 @@ class Watchdog:
         self._stopping = _StopProgress()
         # Servos that were off a moment ago are looked at first: to stop would switch them on.
         if not (self._servos_are_off() and self._read_state() and self._servos_are_off()):
-            self._stopping.acknowledged = self._try(lambda table: table.stop())
+            self._stopping.acknowledged = self._send_stop()
 
     def _follow_stop(self, stop: _StopProgress) -> None:
         """See what has become of a stop, and do what is to be done about it."""
         if not stop.acknowledged and not stop.killed and not self._servos_are_off():
-            stop.acknowledged = self._try(lambda table: table.stop())
+            stop.acknowledged = self._send_stop()
         if not self._read_state() or self._state is None:
             # What it heard before the link was lost is not known.
             stop.acknowledged, stop.rest_readings, stop.first = False, 0, None
@@ -215,7 +220,7 @@ class Watchdog:
             stop.killed = True
             self._say(f"killed: it turned at {degrees(rate):.3g} °/s and did not slow down")
         else:
-            self._try(lambda table: table.stop())
+            self._send_stop()
 
     def _finish_stop(self) -> None:
         self._stopping = None
@@ -250,7 +255,19 @@ class Watchdog:
 
         return self._try(read, quietly=quietly)
 
-    def _try(self, act: Callable[[RotaryTable], None], *, quietly: bool = False) -> bool:
+    def _send_stop(self) -> bool:
+        """Send a stop, which waits for no answer to leave; tell whether it was answered."""
+        return self._try(
+            lambda table: table.stop(), unanswered="a stop was sent, without an answer"
+        )
+
+    def _try(
+        self,
+        act: Callable[[RotaryTable], None],
+        *,
+        quietly: bool = False,
+        unanswered: str = "cannot",
+    ) -> bool:
         """Do something with the table; say once what is in the way, if it shall be said."""
         try:
             if self._table is None:
@@ -258,9 +275,10 @@ class Watchdog:
             act(self._table)
         # Whatever it is, the next time it may be gone, and nobody else tries.
         except Exception as error:
-            wrong = str(error) or type(error).__name__
+            what = unanswered if isinstance(error, ProtocolError) else "cannot"
+            wrong = f"{what}: {str(error) or type(error).__name__}"
             if not quietly and wrong not in self._reported_errors:
-                self._say(f"cannot: {wrong}")
+                self._say(wrong)
                 self._reported_errors.add(wrong)
             return False
         self._last_answer_time = monotonic()
