@@ -161,6 +161,41 @@ def test_a_killed_run_repeats_its_state_and_asks_for_no_mounting_again(
     assert np.any((label == "") & (np.abs(rpm - 46) < 1))
 
 
+def test_a_confirmation_from_before_the_request_has_no_table_turn(
+    tmp_path: Path, begun: Callable[[int], tuple[Run, InProcessBench]]
+):
+    """Every tick the step that will wait is confirmed, while nobody has been asked yet."""
+    run, bench = begun(1)
+    rates: list[float] = []
+
+    def confirm_early(driven: Operated) -> None:
+        if driven.mounting_request is None:
+            driven.confirm_mounting(driven.sequencer.number, "Eve")
+            return
+        rates.append(float(bench.device.controller.table.state.rate[0]))
+        driven.bench.device.mounting = "XY"  # the operator of `Operated` has nothing to do
+        if len(rates) > 100:
+            raise Killed
+
+    drive(tmp_path / "run", bench, run, confirm_early)
+    assert len(rates) > 100
+    assert max(np.abs(rates)) < 1e-3
+    with Journal(tmp_path / "run" / "run.journal") as journal:
+        assert journal.mounting() == ""
+
+
+def test_without_a_terminal_real_hardware_needs_a_file_of_answers(tmp_path: Path):
+    run, folder = ship(tmp_path / "plan"), tmp_path / "run"
+    words = ["bench", "run", str(run.path), "--table", "motor:tcp://127.0.0.1:9"]
+    words += ["--imu", "tcp://127.0.0.1:9?preset=fixed", "--out", str(folder)]
+    done = subprocess.run(
+        [*INERCAL, *words], input="mounted XY\n", capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "--answers" in done.stderr
+    assert not folder.exists()
+
+
 def test_a_confirmation_of_another_step_has_no_table_turn(
     tmp_path: Path, begun: Callable[[int], tuple[Run, InProcessBench]]
 ):
@@ -191,6 +226,8 @@ def command(run: Run, bench: BenchSimulator, folder: Path) -> list[str]:
 @pytest.mark.slow
 def test_the_command_asks_hears_and_goes_on_after_a_kill(tmp_path: Path):
     run, folder = ship(tmp_path / "plan"), tmp_path / "run"
+    answers = tmp_path / "answers.txt"
+    answers.write_text("".join(f"mounted {name}\n" for name in MOUNTINGS))
     with BenchSimulator(run.path, 1) as bench:
         pipe = subprocess.PIPE
         with subprocess.Popen(
@@ -198,16 +235,29 @@ def test_the_command_asks_hears_and_goes_on_after_a_kill(tmp_path: Path):
         ) as host:
             assert host.stdin
             assert host.stderr
-            host.stdin.write("yes\nmounted Anna\n")
+            host.stdin.write("yes\nmounted XY Eve\n")  # before anybody has asked
             host.stdin.flush()
             for line in host.stderr:
+                if "then confirm the mounting" in line:
+                    host.stdin.write("yes\nmounted YX Eve\nmounted XY Anna\n")
+                    host.stdin.flush()
                 if "XY_86" in line:
                     host.kill()
         # The watchdog goes by the wall's time, and the host that follows faster than that.
         assert seconds_to_rest(bench) < WATCHDOG + DECELERATION
         done = subprocess.run(
-            [*INERCAL, "bench", "resume", str(folder), "--operator", "Ben", "--json"],
-            input="mounted\nmounted\n",
+            [
+                *INERCAL,
+                "bench",
+                "resume",
+                str(folder),
+                "--operator",
+                "Ben",
+                "--json",
+                "--answers",
+                str(answers),
+            ],
+            stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             check=False,

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from inercal.host.options import RunOptions
     from inercal.host.registration import RegisterSync
     from inercal.host.run_folder import RunFolder
+    from inercal.runfile import Run
     from inercal.store import Register
 
 NAME = "bench"
@@ -43,6 +44,13 @@ _Patience = Annotated[float, typer.Option(help=PATIENCE_HELP)]
 _Temperature = Annotated[str, typer.Option("--temperature", help=TEMPERATURE_HELP)]
 _Operator = Annotated[
     str, typer.Option(help="Who confirms mountings; by default the name of the user.")
+]
+_Answers = Annotated[
+    Path | None,
+    typer.Option(
+        help="File that confirms the mountings, a line 'mounted NAME' or 'mounted NAME OPERATOR' "
+        "each; needed on real hardware without a terminal."
+    ),
 ]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 _Register = Annotated[
@@ -67,6 +75,7 @@ def run(
     temperature: _Temperature = "",
     register: _Register = None,
     operator: _Operator = "",
+    answers: _Answers = None,
     json: _Json = False,
 ) -> None:
     """Carry out the plan of a run file, and calibrate from its recording."""
@@ -77,11 +86,12 @@ def run(
 
     options = run_options(speed, patience, temperature)
     plan = read(run_file)
+    _require_operator(plan, answers, simulated=bool(clock))
     kept = open_register(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     result, journal = create_run(folder, plan, (table, imu, clock))
     with journal, result.removed_on_failure():
-        _complete_run(result, journal, options, json, kept, operator)
+        _complete_run(result, journal, options, json, kept, operator, answers)
 
 
 @app.command()
@@ -95,6 +105,7 @@ def resume(
     temperature: _Temperature = "",
     register: _Register = None,
     operator: _Operator = "",
+    answers: _Answers = None,
     json: _Json = False,
 ) -> None:
     """Continue a run that was interrupted; the interrupted step is repeated from its start."""
@@ -104,7 +115,8 @@ def resume(
     kept = open_register(register)
     result, journal = reopen_run(folder, (table, imu, clock))
     with journal:
-        _complete_run(result, journal, options, json, kept, operator)
+        _require_operator(result.run, answers, simulated=bool(journal.header().addresses[2]))
+        _complete_run(result, journal, options, json, kept, operator, answers)
 
 
 def _complete_run(
@@ -114,6 +126,7 @@ def _complete_run(
     json: bool,
     register: "Register | None",
     operator: str,
+    answers: Path | None,
 ) -> None:
     """Carry out the remaining steps of a run, finish it, and enter it in a register, if any."""
     from inercal.calibration.files import as_object
@@ -123,7 +136,7 @@ def _complete_run(
     register_sync = RegisterSync(register, folder.path)
     live = None
     if journal.header().state != "carried out":
-        live = _carry_out_plan(folder, journal, options, register_sync, operator)
+        live = _carry_out_plan(folder, journal, options, register_sync, operator, answers)
     sensor = folder.run.sensor.name
     try:
         with progress_status(f"calibrating {sensor} from {folder.run.data.file}"):
@@ -140,6 +153,29 @@ def _complete_run(
     exit_with_verdict(outcome)
 
 
+def _require_operator(run: "Run", answers: Path | None, *, simulated: bool) -> None:
+    """Refuse mountings that nobody can confirm, before anything moves.
+
+    Raises
+    ------
+    InputError
+        Real hardware without a terminal and without answers, or answers that cannot be read.
+    """
+    from inercal.cli.mounting_answers import read_answers
+    from inercal.errors import InputError
+    from inercal.host.tasks import host_plan
+
+    if answers is not None:
+        read_answers(answers)
+    elif host_plan(run).spins and not simulated and not sys.stdin.isatty():
+        raise InputError(
+            "the plan asks for mountings, and standard input is no terminal at which an operator "
+            "confirms them: run it in a terminal or by inercal bench serve, or state who has "
+            "mounted the sensor by --answers FILE",
+            key="--answers",
+        )
+
+
 def _enter_run(register_sync: "RegisterSync") -> None:
     """Enter a run in its present state; print what failed, and how to enter it later."""
     register_sync.update()
@@ -153,6 +189,7 @@ def _carry_out_plan(
     options: "RunOptions",
     register_sync: "RegisterSync",
     operator: str,
+    answers: Path | None,
 ) -> "LiveEstimator | None":
     """Carry out the plan; return the live estimator."""
     from functools import partial
@@ -171,7 +208,7 @@ def _carry_out_plan(
                 journal,
                 options,
                 show,
-                run_context=partial(listen_to_keys, operator=operator),
+                run_context=partial(listen_to_keys, operator=operator, answers=answers),
                 background_work=register_sync.background_work,
             )
     except RunInterrupted as error:

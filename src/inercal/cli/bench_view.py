@@ -5,9 +5,10 @@ import sys
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, nullcontext
 from math import degrees
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inercal.cli.mounting_answers import answer_by_lines, operator_name
+from inercal.cli.mounting_answers import answer_mountings, operator_name
 from inercal.cli.tables import make_table, number_column
 from inercal.keys import CoefficientName
 
@@ -167,14 +168,21 @@ def _coefficient_cell(
 
 
 @contextmanager
-def listen_to_keys(run: "BenchRun", operator: str = "") -> Generator[None]:
+def listen_to_keys(
+    run: "BenchRun", operator: str = "", answers: Path | None = None
+) -> Generator[None]:
     """Hear who operates a run: by keys of a terminal, else mountings by lines.
 
-    The key p pauses the run, g continues it, and m confirms the requested mounting.
+    The key p pauses the run, g continues it, and m confirms the requested mounting, unless a file
+    of answers does.
     """
     operator = operator_name(operator)
     if not sys.stdin.isatty():
-        with answer_by_lines(run, operator) if run.has_mountings else nullcontext():
+        with answer_mountings(run, operator, answers) if run.has_mountings else nullcontext():
+            yield
+        return
+    if answers is not None:
+        with answer_mountings(run, operator, answers), listen_to_keys(run, operator):
             yield
         return
     import termios

@@ -49,7 +49,11 @@ class MountingPrompt:
 
     @property
     def request(self) -> MountingRequest | None:
-        """The request that waits for a confirmation, or None."""
+        """The request that was published and waits for a confirmation, or None."""
+        awaited = self._awaited()
+        return awaited if awaited is not None and awaited.number == self._requested else None
+
+    def _awaited(self) -> MountingRequest | None:
         task = self._sequencer.awaited_task if self._sequencer else None
         if self._sequencer is None or task is None:
             return None
@@ -80,14 +84,15 @@ class MountingPrompt:
         """
         if self._sequencer is None:
             return
-        request = self.request
-        if request is None:
-            self._requested = None
-        elif self._requested != request.number:
-            self._requested = request.number
-            self._say("info", f"{request.instruction}; then confirm the mounting")
+        # What came before a request is published confirms nothing.
         while not self._confirmations.empty():
             self._take(*self._confirmations.get(), time)
+        awaited = self._awaited()
+        if awaited is None:
+            self._requested = None
+        elif self._requested != awaited.number:
+            self._requested = awaited.number
+            self._say("info", f"{awaited.instruction}; then confirm the mounting")
 
     def _take(self, number: int, by: str, time: float) -> None:
         request = self.request
