@@ -1,6 +1,10 @@
 """The simulated bench: time that is granted, motion that the IMU feels, the same bytes always."""
 
+import shlex
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -334,6 +338,24 @@ def test_at_a_pace_of_its_own_the_bench_waits_for_nobody():
             while table.read().time < first + 5.0:
                 assert monotonic() < begun + 20.0
             assert imu.read(36, 20.0)
+
+
+def test_the_command_serves_without_an_input_until_it_is_interrupted():
+    """As a service or by nohup, standard input has ended when it begins."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "inercal", "bench", "simulate", str(MIMU), "--tcp"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as served:
+        assert served.stdout
+        words = shlex.split(served.stdout.readline())
+        place = words[words.index("--imu") + 1].partition("?")[0]
+        with open_link(place, 20.0):
+            assert served.poll() is None
+        served.send_signal(signal.SIGINT)
+        assert served.wait(20.0) not in (0, 2)
 
 
 def test_a_bench_that_cannot_be_simulated_says_so(tmp_path: Path):

@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -263,6 +264,8 @@ def simulate(
                 print("ok", flush=True)
             except InputError as error:
                 print(f"no: {error}", flush=True)
+        # Standard input may be closed from the beginning, as of a service or by nohup.
+        Event().wait()
 
 
 @app.command()
