@@ -6,15 +6,18 @@ from its beginning.
 """
 
 import os
+import shutil
 import sqlite3
 from collections.abc import Generator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple, Self
 
 from inercal.errors import InputError
 from inercal.host.closeable import Closeable
+from inercal.host.run_log import os_errors_as_input_errors
 from inercal.io.atomic_files import atomic_write
 
 NOTE_LEVEL = "note"  # of an event that the operator wrote
@@ -87,11 +90,17 @@ class JournalEvent(NamedTuple):
 
 
 class Journal(Closeable):
-    """A journal open for writing; every call is one transaction.
+    """A journal; every call is one transaction.
 
     What a call wrote is there after a kill of the host at any moment. After a loss of power the
     journal is sound, but the last of it may be gone: the disk is not waited for, as a loop of 20 ms
     must not.
+
+    Parameters
+    ----------
+    path : path
+    read_only : bool
+        Nothing is written, so that the folder may be a read-only archive.
 
     Raises
     ------
@@ -99,7 +108,7 @@ class Journal(Closeable):
         The file cannot be opened, is not a journal or one of a newer version.
     """
 
-    def __init__(self, path: str | os.PathLike[str]):
+    def __init__(self, path: str | os.PathLike[str], *, read_only: bool = False):
         self.path = Path(path)
         if not self.path.exists():
             raise InputError(
@@ -107,7 +116,7 @@ class Journal(Closeable):
                 "begin a run there or name another folder",
                 file=self.path,
             )
-        self._db = _open_database(self.path)
+        self._db = _open_to_read(self.path) if read_only else _open_database(self.path)
 
     @classmethod
     def create(
@@ -155,7 +164,14 @@ class Journal(Closeable):
     def header(self) -> JournalHeader:
         """Return what the journal is of."""
         with _sqlite_errors_as_input_errors(self.path):
-            return JournalHeader(*self._db.execute("SELECT * FROM run").fetchone())
+            row = self._db.execute("SELECT * FROM run").fetchone()
+        if row is None:
+            raise InputError(
+                f"{self.path}: the journal is damaged, because it names no run; restore it from a "
+                "copy, or begin a new run",
+                file=self.path,
+            )
+        return JournalHeader(*row)
 
     def set_addresses(self, addresses: tuple[str, str, str]) -> None:
         """Keep where table, IMU and clock are from now on."""
@@ -234,18 +250,48 @@ def _open_database(path: Path) -> sqlite3.Connection:
             # wrote, the disk not yet all of it.
             db.execute("PRAGMA journal_mode = WAL")
             db.execute("PRAGMA synchronous = NORMAL")
-            (version,) = db.execute("PRAGMA user_version").fetchone()
-            if version != _VERSION:
-                raise InputError(
-                    f"{path} is a journal of version {version}; this program reads version "
-                    f"{_VERSION} only: use the program that wrote the journal",
-                    file=path,
-                    key="user_version",
-                )
+            _require_version(path, db)
         except BaseException:
             db.close()
             raise
         return db
+
+
+def _open_to_read(path: Path) -> sqlite3.Connection:
+    """Return a connection that leaves no file beside the journal.
+
+    A program that has the journal open, or was killed, leaves a write-ahead log beside it. Then a
+    copy of both is read.
+    """
+    log = path.with_name(f"{path.name}-wal")
+    with _sqlite_errors_as_input_errors(path), os_errors_as_input_errors(path, "read"):
+        if not log.exists():
+            db = sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True)
+        else:
+            db = sqlite3.connect(":memory:")
+            with TemporaryDirectory() as folder:
+                copy = Path(shutil.copy(path, folder))
+                with suppress(FileNotFoundError):  # the other program has just closed it
+                    shutil.copy(log, folder)
+                with closing(sqlite3.connect(copy)) as copied:
+                    copied.backup(db)
+        try:
+            _require_version(path, db)
+        except BaseException:
+            db.close()
+            raise
+        return db
+
+
+def _require_version(path: Path, db: sqlite3.Connection) -> None:
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    if version != _VERSION:
+        raise InputError(
+            f"{path} is a journal of version {version}; this program reads version {_VERSION} "
+            "only: use the program that wrote the journal",
+            file=path,
+            key="user_version",
+        )
 
 
 @contextmanager

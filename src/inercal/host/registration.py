@@ -37,7 +37,7 @@ def register_run(register: "Register", folder: str | Path) -> int:
     from inercal.store import RunFacts
 
     folder = Path(folder)
-    with Journal(folder / JOURNAL) as journal:
+    with Journal(folder / JOURNAL, read_only=True) as journal:
         header, files = journal.header(), journal.files()
     result = RunFolder.open_existing(folder, header.run_file)
     facts = RunFacts(

@@ -10,6 +10,7 @@ import pytest
 from tests.host.web.pages import SIMULATED, Served
 from tests.store.calibration_generator import ten
 
+from inercal.host.web.json_objects import parse_object
 from inercal.store import Register
 
 PATHS = [
@@ -133,3 +134,11 @@ def test_requests_that_are_none_are_refused(served: Served):
                 assert connection.recv(100).startswith(b"HTTP/1.1 4"), request
             page.until("idle")
     assert not any("\x1b" in line for line in served.refused)
+
+
+@pytest.mark.parametrize("text", ['{"do": "\\ud800"}', '{"a": {"\\udfff": 1}}', "[]", "[" * 9999])
+def test_a_message_that_no_reply_can_hold_is_no_object(text: str):
+    """JSON can name half of a surrogate pair; UTF-8 cannot write it."""
+    for raw in (text, text.encode()):
+        with pytest.raises(ValueError, match=r"JSON|surrogate"):
+            parse_object(raw)

@@ -260,10 +260,7 @@ class Hub:
 
     def _stop_external_run(self, name: object) -> None:
         """Have a run stopped that is not shown."""
-        runs = self.runs.all().items()
-        there = [
-            one.path for key, one in runs if one.state == "running" and name in (None, key)
-        ] + [one for one in self.runs.manual_sessions() if name in (None, one.name)]
+        there = [one for one in self.runs.active_folders() if name in (None, one.name)]
         if not there:
             raise InputError("there is no active run to stop; reload the page to see all runs")
         reached = [_interrupt_process(one) for one in there]
@@ -441,8 +438,11 @@ def _new_run_folder(runs: Path, stem: str) -> Path:
 
 
 def free_space(folder: Path) -> int:
-    """Return the bytes that are free on the disk of a folder."""
-    return shutil.disk_usage(folder).free
+    """Return the bytes that are free on the disk of a folder; 0 where the folder is gone."""
+    try:
+        return shutil.disk_usage(folder).free
+    except OSError:
+        return 0
 
 
 def _require_room(folder: Path, needed: int) -> None:

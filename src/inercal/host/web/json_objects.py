@@ -21,6 +21,8 @@ def parse_object(text: str | bytes) -> JsonObject:
         result = None
     if result is None:
         raise ValueError("the message is not a JSON object; send one")
+    # JSON can name half of a surrogate pair, which no file, database or reply can hold.
+    json.dumps(result, ensure_ascii=False).encode()
     return result
 
 

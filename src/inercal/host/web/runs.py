@@ -11,6 +11,8 @@ from inercal.host.web.run_request import run_in_progress
 from inercal.small_files import read_toml
 from inercal.store import Register
 
+UNREADABLE = "unreadable"  # of a run whose journal cannot be read
+
 
 class StoredRun(NamedTuple):
     """A run in a folder.
@@ -55,15 +57,23 @@ class Runs:
         for journal in self.folder.glob(f"*/{JOURNAL}"):
             try:
                 found.append(_stored_run(journal.parent))
-            except InputError:
-                continue  # a journal of another version, or none
+            except InputError as error:
+                found.append(_unreadable_run(journal.parent, error))
         found.sort(key=lambda one: one.summary["begun"], reverse=True)
         return {one.path.name: one for one in found}
 
-    def manual_sessions(self) -> list[Path]:
-        """Return the folders of sessions by hand that go on, whoever started them."""
-        folders = [journal.parent for journal in self.folder.glob(f"*/{MANUAL_JOURNAL}")]
+    def active_folders(self) -> list[Path]:
+        """Return the folders of runs and of sessions by hand that go on, whoever started them.
+
+        No journal is read: a stop must not depend on one.
+        """
+        names = (JOURNAL, MANUAL_JOURNAL)
+        folders = dict.fromkeys(p.parent for name in names for p in self.folder.glob(f"*/{name}"))
         return [folder for folder in folders if run_in_progress(folder)]
+
+    def manual_sessions(self) -> list[Path]:
+        """Return the folders of sessions by hand that go on."""
+        return [one for one in self.active_folders() if (one / MANUAL_JOURNAL).exists()]
 
     def enter(self, register: str | None) -> list[str]:
         """Put all runs that nobody drives into the register; return in words what fails.
@@ -83,7 +93,7 @@ class Runs:
             done = {(run.folder, run.begun) for run in opened.runs() if run.state == "done"}
             for name, one in self.all().items():
                 known = (str(one.path.resolve()), one.summary["begun"]) in done
-                if one.state == "running" or known:
+                if one.state in ("running", UNREADABLE) or known:
                     continue
                 try:
                     register_run(opened, one.path)
@@ -93,7 +103,7 @@ class Runs:
 
 
 def _stored_run(path: Path) -> StoredRun:
-    with Journal(path / JOURNAL) as journal:
+    with Journal(path / JOURNAL, read_only=True) as journal:
         header = journal.header()
     driven = run_in_progress(path)
     state = "running" if driven else "interrupted" if header.state == "running" else header.state
@@ -106,6 +116,19 @@ def _stored_run(path: Path) -> StoredRun:
         "report": (path / f"{stem}.report.html").is_file(),
     }
     return StoredRun(path, stem, summary)
+
+
+def _unreadable_run(path: Path, error: InputError) -> StoredRun:
+    """Return a run whose journal cannot be read, with the reason."""
+    summary = {
+        "id": path.name,
+        "sensor": path.name,
+        "begun": "",
+        "state": "running" if run_in_progress(path) else UNREADABLE,
+        "report": False,
+        "trouble": str(error),
+    }
+    return StoredRun(path, "", summary)
 
 
 def _sensor_name(run_file: Path) -> str:

@@ -24,7 +24,8 @@ export function makeEarlier(people, setup) {
 
   function line(run) {
     const named = `${run.sensor}, ${moment(run.begun)}`;
-    const words = `${moment(run.begun)} · ${SIGNS[run.state] ?? run.state} · ${run.id}`;
+    const words = run.trouble ? `${run.state} · ${run.trouble}`
+      : `${moment(run.begun)} · ${SIGNS[run.state] ?? run.state} · ${run.id}`;
     const node = make("li", {},
       make("strong", {}, run.sensor), " ", make("span", { class: "small" }, words));
     const offers = make("span", { class: "buttons" });
