@@ -7,7 +7,7 @@ such as a title or the logger's settings, is left out. Of formulas the saved val
 import warnings
 import zipfile
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from datetime import datetime
 from importlib import import_module
@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.errors import InputError, require_extra
 from inercal.io.column_table import (
@@ -34,11 +33,10 @@ from inercal.io.readers import Option, Reader
 from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
 _SNIFFED_ROWS = 100
-_LARGEST_EXACT = 2**53  # below, a float holds every whole number
 _TEXT_COST = 8  # bytes in memory for a byte of shared texts and styles, which are loaded whole
 _OLD, _OPEN_DOCUMENT = b"\xd0\xcf\x11\xe0", b"mimetype"  # .xls at 0, .ods at 30
 
-Cell = float | int | str | None
+Cell = float | str | None
 
 
 class _Heading(NamedTuple):
@@ -129,8 +127,6 @@ def _rows(sheet: Any) -> Iterator[tuple[int, list[Cell]]]:
 
 def _cell(value: object) -> Cell:
     """Return a number, a text, or None for an empty cell."""
-    if isinstance(value, int) and abs(value) > _LARGEST_EXACT:
-        return value
     if isinstance(value, bool | int | float):
         return float(value)
     if isinstance(value, datetime):
@@ -154,9 +150,7 @@ def _table(
     at = {name: names.index(name) for name in chosen}
     texts = {name for name in chosen if at[name] in heading.texts or name in wanted.text}
     words: dict[str, list[str]] = {name: [] for name in chosen if name in texts}
-    numbers: dict[str, array[float] | list[float | int]] = {
-        name: [] if name in wanted.whole else array("d") for name in chosen if name not in texts
-    }
+    numbers = {name: array("d") for name in chosen if name not in texts}
     lines: list[int] = []
     for line, cells in first[heading.skipped :]:
         _add(source, line, cells, at, words, numbers)
@@ -170,10 +164,8 @@ def _table(
     for name in chosen:
         if name in words:
             columns[name] = label_array(words[name], name, source)
-        elif name in wanted.whole:
-            columns[name] = wanted.number_column(name, _stamps(numbers[name]))
         else:
-            blank[name][:] = numbers[name]
+            blank[name][:] = np.frombuffer(numbers[name])
             columns[name] = blank[name]
     unbroken = lines[-1] - lines[0] + 1 == len(lines)
     return Table(
@@ -187,25 +179,18 @@ def _table(
     )
 
 
-def _stamps(values: Sequence[float | int]) -> NDArray[Any]:
-    """Return a column as it is read, of int64 where all of its cells are whole numbers."""
-    if all(float(one).is_integer() for one in values):
-        return np.array([int(one) for one in values])
-    return np.array(values, dtype=np.float64)
-
-
 def _add(
     source: str,
     line: int,
     cells: Sequence[Cell],
     at: dict[str, int],
     words: dict[str, list[str]],
-    numbers: "Mapping[str, array[float] | list[float | int]]",
+    numbers: "dict[str, array[float]]",
 ) -> None:
     """Add the cells of a row to their columns; an empty cell is NaN, or an empty text."""
     for name, texts in words.items():
         cell = cells[at[name]] if at[name] < len(cells) else None
-        whole = isinstance(cell, float | int) and float(cell).is_integer()
+        whole = isinstance(cell, float) and cell.is_integer()
         texts.append("" if cell is None else str(int(cell)) if whole else str(cell))
     for name, values in numbers.items():
         cell = cells[at[name]] if at[name] < len(cells) else None
@@ -223,12 +208,12 @@ def _heading(source: str, rows: Sequence[Sequence[Cell]]) -> _Heading:
     """Return the names of the columns, from the first row of words on a row of numbers."""
     for k, (cells, below) in enumerate(pairwise(rows)):
         worded = [cell for cell in cells if isinstance(cell, str)]
-        numbers = sum(isinstance(cell, float | int) for cell in below)
+        numbers = sum(isinstance(cell, float) for cell in below)
         if len(worded) == len(cells) and numbers and len(below) == len(cells):
             texts = frozenset(j for j, cell in enumerate(below) if isinstance(cell, str))
             return _Heading(tuple(worded), texts, k + 1, header=True)
     width = len(rows[0]) if rows else 0
-    if not any(isinstance(cell, float | int) for row in rows for cell in row):
+    if not any(isinstance(cell, float) for row in rows for cell in row):
         raise InputError(f"{source} has no row of numbers: save a sheet with one sample a row")
     if any(len(row) != width for row in rows):
         raise InputError(
