@@ -100,9 +100,11 @@ def _columns(
             f"{source} is damaged: it has {start} rows, but its header states {n}; write the file "
             "again"
         )
+    columns: dict[str, Column] = {**numbers}
+    columns |= {name: np.concatenate(parts) for name, parts in words.items()}
     for name, parts in stamps.items():
-        numbers[name] = wanted.number_column(name, np.concatenate(parts))
-    return {k: np.concatenate(words[k]) if k in words else numbers[k] for k in chosen}, block
+        columns[name] = wanted.number_column(name, np.concatenate(parts))
+    return {name: columns[name] for name in chosen}, block
 
 
 def _decoded_size(metadata: Any, chosen: list[str]) -> int:

@@ -73,9 +73,9 @@ def elapsed_times(
         since, rest = (stamps - whole).astype(np.float64), start - whole
     else:
         since, rest = stamps - float(start), start - Fraction(float(start))
-    since = since - float(rest) if rest else since
+    time: Array = since - float(rest) if rest else since
     # A division by 1000 is rounded once, a product with 0.001 twice.
-    time = since / unit.denominator if unit.numerator == 1 else since * size
+    time = time / unit.denominator if unit.numerator == 1 else time * size
     return time, Fraction(origin)
 
 

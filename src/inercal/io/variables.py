@@ -238,15 +238,15 @@ def _read(
             why = COMPLEX if kind.kind == "c" else f"of {kind} holds no numbers"
             raise InputError(f"{source}: {variable.name!r} {why}", names=(variable.name,))
         places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
-        numbers: dict[str, NDArray[Any]] = {
+        filled: dict[str, NDArray[Any]] = {
             name: np.empty(n, kind) if name in wanted.whole else blank[name] for _, name in places
         }
         for rows in row_blocks(n, _rows_per_read(variable)):
             part = _rows(variable, stored, rows)
             for k, name in places:
-                numbers[name][rows] = part[:, k]
+                filled[name][rows] = part[:, k]
         for _, name in places:
-            values = numbers[name]
+            values = filled[name]
             if name in wanted.whole:
                 values = wanted.number_column(name, values)
             read[name] = _integer_labels(values) if name in wanted.text else values
