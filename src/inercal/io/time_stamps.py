@@ -70,10 +70,11 @@ def elapsed_times(
     start = Fraction(origin) / (unit * _NS)
     whole = floor(start)
     if stamps.dtype.kind == "i" and abs(whole) < _INT64_ORIGIN:
-        since, rest = (stamps - whole).astype(np.float64), start - whole
+        time, rest = (stamps - whole).astype(np.float64), start - whole
     else:
-        since, rest = stamps - float(start), start - Fraction(float(start))
-    time: Array = since - float(rest) if rest else since
+        time, rest = stamps.astype(np.float64) - float(start), start - Fraction(float(start))
+    if rest:
+        time = time - float(rest)
     # A division by 1000 is rounded once, a product with 0.001 twice.
     time = time / unit.denominator if unit.numerator == 1 else time * size
     return time, Fraction(origin)
