@@ -16,7 +16,7 @@ from inercal.arrays import Array
 from inercal.drafts.rest_recording import RestLayout, rest_layout
 from inercal.errors import InputError
 from inercal.io.long_tables import LongTable, open_long_table
-from inercal.io.time_stamps import elapsed_times
+from inercal.io.time_stamps import times_from_origin
 from inercal.noise import NoiseStream
 from inercal.noise.pieces import FEW_LOST, JITTER, LOST_SHARE
 from inercal.units import si_factor, to_si
@@ -141,7 +141,7 @@ class _Clock:
     """
 
     def __init__(self, first: Array, unit: float, source: str):
-        time, self._origin = elapsed_times(first, unit)
+        time, self._origin = times_from_origin(first, unit)
         steps = np.diff(time)
         middle = float(np.median(steps)) if steps.size else 0.0
         if not middle > 0:
@@ -162,7 +162,7 @@ class _Clock:
 
     def add(self, stamps: Array, values: Array, kelvin: Array | None, stream: NoiseStream) -> None:
         """Give the samples of a block, with their temperatures, to the stream, parted at gaps."""
-        time, _ = elapsed_times(stamps, self._unit, self._origin)
+        time, _ = times_from_origin(stamps, self._unit, self._origin)
         steps = np.diff(time, prepend=self._last)
         if (bad := np.flatnonzero(~(steps > 0))).size:
             raise InputError(

@@ -12,11 +12,11 @@ from inercal.errors import InputError
 from inercal.io.audit import NonfinitePolicy
 from inercal.io.column_table import ReadRequest, Table
 from inercal.io.time_stamps import (
-    elapsed_times,
     is_iso_time,
     require_unit,
     times_from_counter,
     times_from_iso,
+    times_from_origin,
 )
 from inercal.recording import Recording
 from inercal.units import si_factor, to_si
@@ -227,12 +227,12 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
     if columns.rate_hz is not None:
         rate = Fraction(columns.rate_hz)
         origin = None if columns.origin is None else columns.origin * rate
-        count, start = elapsed_times(counter, 1.0, origin)
+        count, start = times_from_origin(counter, 1.0, origin)
         return SampleTimes(count / columns.rate_hz, start / rate, float(start / rate / _NS))
     require_unit(counter, name, columns.time_unit, table.source, columns.time_keys)
     before = table.time_zero or Fraction(0)
     origin = None if columns.origin is None else columns.origin - before
-    time, start = elapsed_times(counter, si_factor(columns.time_unit or "s", like="s"), origin)
+    time, start = times_from_origin(counter, si_factor(columns.time_unit or "s", like="s"), origin)
     return SampleTimes(time, start + before, float(start / _NS))
 
 

@@ -39,7 +39,7 @@ _INT64_ORIGIN = 2**62  # differences from an origin within it do not overflow
 Stamps = Array | NDArray[np.int64]
 
 
-def elapsed_times(
+def times_from_origin(
     stamps: Stamps, size: float, origin: Fraction | int | None = None
 ) -> tuple[Array, Fraction]:
     """Return the times of stamps from an origin on, and the origin.
@@ -60,7 +60,7 @@ def elapsed_times(
         s.
     origin : Fraction
 
-    >>> elapsed_times(np.array([1700000000123456789, 1700000000123456790]), 1e-9)[0].tolist()
+    >>> times_from_origin(np.array([1700000000123456789, 1700000000123456790]), 1e-9)[0].tolist()
     [0.0, 1e-09]
     """
     unit = Fraction(str(size))  # 1e-9 means the decimal fraction
@@ -251,7 +251,7 @@ def times_from_iso(
             raise refusal(k, "is not a time: seconds run from 0 to 59")
         fraction = (match["fraction"] or "0").ljust(9, "0")[:9]
         ns[k] = (known[minute, zone] + second) * _NS + int(fraction)
-    return elapsed_times(ns, 1 / _NS, origin)
+    return times_from_origin(ns, 1 / _NS, origin)
 
 
 def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:

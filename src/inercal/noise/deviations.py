@@ -148,8 +148,11 @@ def _difference_variance(x: Array, m: int, kind: str) -> tuple[float, int]:
     return total / (count * (6.0 if hadamard else 2.0) * m**2), count
 
 
-def _modified_variance(x: Array, m: int) -> tuple[float, int]:
-    doubled = np.concatenate([[0.0], np.cumsum(x - x.mean())])
+def _summed_twice(x: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(x - x.mean())])
+
+
+def _modified_variance(doubled: Array, m: int) -> tuple[float, int]:
     total, count = sum_of_squared_differences(doubled, m, _HADAMARD, stride_of(m))
     return total / (count * 2.0 * float(m) ** 4), count
 
@@ -174,7 +177,7 @@ def variance(x: Array, m: int, kind: str) -> tuple[float, int]:
         Of `KINDS`; "tdev" is returned as the modified variance.
     """
     if kind in ("mdev", "tdev"):
-        return _modified_variance(x, m)
+        return _modified_variance(_summed_twice(x), m)
     if kind == "totdev":
         return _total_variance(x, m)
     if kind == "htot":
@@ -245,6 +248,9 @@ def _variances(
             steps = zip(factors.tolist(), strides.tolist(), strict=True)
             sums = [(m, *sum_of_squared_differences(x, m, ALLAN, stride)) for m, stride in steps]
             found = [(total / (count * 2.0 * m**2), count) for m, total, count in sums]
+        elif kind in ("mdev", "tdev"):
+            doubled = _summed_twice(x)
+            found = [_modified_variance(doubled, int(m)) for m in factors]
         else:
             found = [variance(x, int(m), kind) for m in factors]
         return np.array([one[0] for one in found]), [one[1] for one in found]
