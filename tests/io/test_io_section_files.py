@@ -42,7 +42,8 @@ def test_files_of_one_clock_are_joined_by_their_times(tmp_path: Path):
     assert found.labels is not None
     assert found.labels.tolist() == ["b"] * N + ["c"] * N + ["a"] * N
     step = np.arange(N) / 100
-    np.testing.assert_allclose(found.time, np.concatenate([5 + step, 10 + step, 20 + step]))
+    np.testing.assert_allclose(found.time, np.concatenate([step, 5 + step, 15 + step]))
+    np.testing.assert_allclose(found.stamps, found.time + 5)
     assert found.data.tolist() == VALUES[[1, 2, 0]].reshape(-1, 2).tolist()
     assert [f.what for f in found.findings if f.what == "sections"] == []
 

@@ -241,6 +241,8 @@ class Kind(Generic[B, D]):
         plan.
     sampled : bool
         Whether methods use every sample, not means of steps.
+    spins : bool
+        Whether the bench carries the sensor round, so that it senses more than gravity.
     sensor : callable
         The sensor on the bench, from its name, [data] accelerometer, readout and noise.
     plan : callable
@@ -280,6 +282,7 @@ class Kind(Generic[B, D]):
     refuses_budget: Callable[[B, Sequence[Any]], str] = accept_any_budget
     rows_of_table: bool = False
     sampled: bool = False
+    spins: bool = False
     sensor: Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor] = (
         three_axis_sensor
     )

@@ -145,6 +145,7 @@ def run(
                 spacing=spacing,  # type: ignore[arg-type]
                 keep_disturbed=not skip_disturbed,
                 skipped_bands=bands,
+                gravity=_gravity(recording),
             )
     from inercal.noise.data_sheet_comparison import compare_with_sheet
     from inercal.noise.sensor_noise import sensor_noise
@@ -341,6 +342,18 @@ def _read(path: Path, stated: Sequence[str]) -> "Recording":
     chosen = [axes[name] for name in recording.channels]
     units = ["m/s²" if axis.measures == "f" else "rad/s" for axis in chosen]
     return in_si(recording, [axis.readout for axis in chosen], units)
+
+
+def _gravity(path: Path) -> float | None:
+    """Return gravity at the bench, m/s²; None where the bench carries the sensor round."""
+    from inercal.sensors import G0
+
+    if path.suffix.lower() != ".toml":
+        return G0
+    from inercal.runfile import read
+
+    run = read(path)
+    return None if run.kind.spins else float(run.bench.gravity.value)
 
 
 def _read_data_sheet(path: Path) -> "DataSheetNoise":

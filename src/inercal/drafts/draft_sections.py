@@ -24,6 +24,7 @@ from inercal.drafts.readouts import (
 )
 from inercal.errors import InputError
 from inercal.io.column_table import Table, shorten
+from inercal.io.time_stamps import times_from_origin
 from inercal.section_settings import si_value
 from inercal.units import si_factor
 
@@ -68,7 +69,7 @@ def clock_keys(
     unit = roles.units.get("time") or next(
         (one for one in _TIME_UNITS if _RATES[0] <= 1 / (step * si_factor(one)) <= _RATES[1]), "s"
     )
-    seconds = stamps * si_factor(unit)
+    seconds, _ = times_from_origin(stamps, si_factor(unit))
     reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
     return seconds, (replace(entry, reason=reason) if not units else entry, *units)

@@ -16,6 +16,7 @@ from inercal.arrays import Array
 from inercal.drafts.rest_recording import RestLayout, rest_layout
 from inercal.errors import InputError
 from inercal.io.long_tables import LongTable, open_long_table
+from inercal.io.time_stamps import times_from_origin
 from inercal.noise import NoiseStream
 from inercal.noise.pieces import FEW_LOST, JITTER, LOST_SHARE
 from inercal.units import si_factor, to_si
@@ -58,7 +59,7 @@ class LongRestRecording:
         clock = None
         if stamped:
             unit = si_factor(columns.time_unit or "s", like="s")
-            clock = _Clock(first[:, -1] * unit, unit, source)
+            clock = _Clock(first[:, -1], unit, source)
         dt = 1 / (columns.rate_hz or 1.0) if clock is None else clock.dt
         axes = [axis for axis, _, _ in columns.channels]
         stream = NoiseStream(dt, axes, self.layout.units, source)
@@ -133,14 +134,15 @@ class _Clock:
     Parameters
     ----------
     first : (k,) array
-        Times of the first block, s.
+        Stamps of the first block.
     unit : float
         s, of the column of times.
     source : str
     """
 
     def __init__(self, first: Array, unit: float, source: str):
-        steps = np.diff(first)
+        time, self._origin = times_from_origin(first, unit)
+        steps = np.diff(time)
         middle = float(np.median(steps)) if steps.size else 0.0
         if not middle > 0:
             raise InputError(f"{source}: the times do not increase", file=source)
@@ -154,14 +156,13 @@ class _Clock:
             )
         self.dt = float(steps[plain].mean())
         self._unit, self._source = unit, source
-        self._zero = float(first[0])
-        self._last = self._zero - self.dt
+        self._last = -self.dt
         self._plain_time, self._plain_steps = 0.0, 0
         self._closed, self._closed_gaps, self._rows = 0, 0, 0
 
     def add(self, stamps: Array, values: Array, kelvin: Array | None, stream: NoiseStream) -> None:
         """Give the samples of a block, with their temperatures, to the stream, parted at gaps."""
-        time = stamps * self._unit
+        time, _ = times_from_origin(stamps, self._unit, self._origin)
         steps = np.diff(time, prepend=self._last)
         if (bad := np.flatnonzero(~(steps > 0))).size:
             raise InputError(
@@ -181,7 +182,7 @@ class _Clock:
         bounds = [0, *begins.tolist(), time.size]
         for k, (a, b) in enumerate(pairwise(bounds)):
             if k:
-                stream.begin_piece(float(time[a]) - self._zero)
+                stream.begin_piece(float(time[a]))
             stream.add(values[a:b], None if kelvin is None else kelvin[a:b])
         self._last = float(time[-1])
         self._rows += time.size
@@ -194,7 +195,7 @@ class _Clock:
         InputError
             More lost samples than may be closed up.
         """
-        stream.duration = self._last - self._zero
+        stream.duration = self._last
         if self._plain_steps:
             stream.dt = self._plain_time / self._plain_steps
         if not self._closed:

@@ -7,7 +7,9 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from fractions import Fraction
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +18,13 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.recording import LineBreaks, line_of_row
 
-Column = Array | NDArray[np.str_]
+Column = Array | NDArray[np.int64] | NDArray[np.str_]
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _MAX_LISTED_NAMES = 12  # names in a message before it ends in "…"
 MOST_COLUMNS = 1000  # more is a transposed table, or junk that happens to parse
 LONGEST_LABEL = 200  # characters; a text column holds one word per sample, not prose
 TOO_LARGE = 1e100  # no reading in any unit: squares and sums of them overflow
+_LARGEST_INT64 = np.iinfo(np.int64).max
 BLOCK_ROWS = 1 << 16  # rows handled at a time: a few MB
 
 
@@ -39,12 +42,16 @@ class ReadRequest:
         Columns of numbers, all in `names`, to store side by side in `Table.block`.
     spare_columns : int
         Further columns of the block, which the caller fills.
+    whole : collection of str
+        Columns to return as int64 where the file holds whole numbers: stamps since 1970 in ns have
+        more digits than float64.
     """
 
     names: Collection[str] | None = None
     text: Collection[str] = ()
     block_columns: tuple[str, ...] = ()
     spare_columns: int = 0
+    whole: Collection[str] = ()
 
     def empty_columns(self, n: int, numbers: Collection[str]) -> tuple[dict[str, Array], Array]:
         """Return empty columns of numbers, each (n,), and the block, (n, k)."""
@@ -54,6 +61,17 @@ class ReadRequest:
             within = name in self.block_columns
             columns[name] = block[:, self.block_columns.index(name)] if within else np.empty(n)
         return columns, block
+
+    def number_column(self, name: str, values: NDArray[Any]) -> Array | NDArray[np.int64]:
+        """Return numbers, (n,), as float64, or as int64 where whole numbers are to stay whole.
+
+        >>> ReadRequest(whole=("t",)).number_column("t", np.array([3, 4], np.uint16))
+        array([3, 4])
+        """
+        kind = values.dtype.kind if name in self.whole else "f"
+        if kind == "i" or (kind == "u" and not (values > _LARGEST_INT64).any()):
+            return np.ascontiguousarray(values, dtype=np.int64)
+        return np.ascontiguousarray(values, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +83,7 @@ class Table:
     names : tuple of str
         Every column of the file; "1", "2", ... where it has no header.
     columns : dict of str to (n,) array
-        The requested columns; float64 or str.
+        The requested columns; float64 or str, and int64 where the request says so.
     source, sha256 : str
         The file and the hash of its bytes.
     first_line : int
@@ -83,6 +101,9 @@ class Table:
     devices : str
         Which sensors the block columns are of, with the numbers that their controller gave them;
         empty where it is not known.
+    time_zero : Fraction or None
+        Time 0 of the column of times by the clock of a log of messages, ns; None in other files,
+        whose columns hold what the clock showed.
     """
 
     names: tuple[str, ...]
@@ -95,6 +116,7 @@ class Table:
     kept_corrections: str = ""
     line_breaks: LineBreaks = ()
     devices: str = ""
+    time_zero: Fraction | None = None
 
     def line(self, row: int) -> int | None:
         """Return the line of a row, counted from 0; None where it is not known."""
@@ -113,6 +135,16 @@ class Table:
         InputError
             The column holds text.
         """
+        return self.stamps(name).astype(np.float64, copy=False)
+
+    def stamps(self, name: str) -> Array | NDArray[np.int64]:
+        """Return a column of numbers, (n,), whole numbers as they are.
+
+        Raises
+        ------
+        InputError
+            The column holds text.
+        """
         column = self.columns[name]
         if column.dtype.kind == "U":
             comma = _DECIMAL_COMMA.fullmatch(str(column[0])) is not None
@@ -123,7 +155,7 @@ class Table:
                 file=self.source,
                 names=(name,),
             )
-        return column.astype(np.float64, copy=False)
+        return cast("Array | NDArray[np.int64]", column)
 
 
 def row_blocks(n: int, rows: int = BLOCK_ROWS) -> Iterator[slice]:

@@ -80,6 +80,8 @@ def table_from_frame(frame: Any, wanted: ReadRequest, name: str = "frame") -> Ta
             read[column] = label_array([_text(one) for one in values], column, name)
         elif values.dtype.kind == "U":
             read[column] = label_array(cast(Sequence[str], values), column, name)
+        elif column in wanted.whole:
+            read[column] = wanted.number_column(column, values)
     blank, block = wanted.empty_columns(rows, [column for column in chosen if column not in read])
     for column, place in blank.items():
         place[:] = found[column]
@@ -156,6 +158,8 @@ def _objects(values: NDArray[Any]) -> NDArray[Any]:
     """Return objects as numbers if they are numbers or missing, else as they are."""
     if any(isinstance(one, str) for one in values):
         return values
+    if all(isinstance(one, int) and not isinstance(one, bool) for one in values):
+        return np.array(values.tolist())
     try:
         return np.array([np.nan if one is None else float(one) for one in values])
     except (TypeError, ValueError):

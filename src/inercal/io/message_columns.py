@@ -9,6 +9,7 @@ noise.
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from inercal.io.nearest_times import nearest_samples
 from inercal.io.size_limits import refuse_too_many_values
 
 TIME = "time"  # the column of times
-_NS = 1e-9
+_NS = 10**9
 _MOST_LISTED = 12  # topics in a message
 
 Times = NDArray[np.int64]
@@ -160,12 +161,13 @@ def table_from_messages(
     at, keep = _joined(base, messages, sampled, source)
     rows = int(keep.sum())
     refuse_too_many_values(8.0 * rows * len(chosen), most_values, source)
+    start = int(base.time[keep][0])
     columns: dict[str, Column] = {}
     blank, block = wanted.empty_columns(rows, chosen)
     of = {column: topic for topic in messages for column in topic.columns}
     for name, place in blank.items():
         if name == TIME:
-            place[:] = (base.time[keep] - base.time[keep][0]) * _NS
+            place[:] = (base.time[keep] - start) / _NS
         else:
             topic = of[name]
             values = topic.fields[name.removeprefix(f"{topic.topic}.")]
@@ -181,6 +183,7 @@ def table_from_messages(
         block=block,
         kept_corrections="; ".join(kept_corrections),
         devices=", ".join(f"{name} {number}" for name, number in (devices or {}).items()),
+        time_zero=Fraction(start),
     )
 
 

@@ -98,7 +98,7 @@ def _columns(
         if column.dtype.kind == "U":
             columns[name] = label_array(column.tolist(), name, source)
         elif name not in blank:
-            columns[name] = np.ascontiguousarray(column, dtype=np.float64)
+            columns[name] = wanted.number_column(name, column)
         elif n == len(block):
             blank[name][:] = column
             columns[name] = blank[name]

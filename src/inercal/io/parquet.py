@@ -80,6 +80,9 @@ def _columns(
         if _is_text(pyarrow, file.schema_arrow.field(name).type, name, name in wanted.text, source)
     }
     numbers, block = wanted.empty_columns(n, [name for name in chosen if name not in words])
+    stamps: dict[str, list[NDArray[Any]]] = {
+        name: [] for name in chosen if name in wanted.whole and name not in words
+    }
     start = 0
     for batch in file.iter_batches(batch_size=BLOCK_ROWS, columns=chosen, use_threads=False):
         stop = start + batch.num_rows
@@ -87,6 +90,8 @@ def _columns(
             values = batch.column(name)
             if name in words:
                 words[name].append(_labels(values, name, source))
+            elif name in stamps:
+                stamps[name].append(_numbers(pyarrow, values))
             else:
                 numbers[name][start:stop] = _numbers(pyarrow, values)
         start = stop
@@ -95,7 +100,11 @@ def _columns(
             f"{source} is damaged: it has {start} rows, but its header states {n}; write the file "
             "again"
         )
-    return {k: np.concatenate(words[k]) if k in words else numbers[k] for k in chosen}, block
+    columns: dict[str, Column] = {**numbers}
+    columns |= {name: np.concatenate(parts) for name, parts in words.items()}
+    for name, parts in stamps.items():
+        columns[name] = wanted.number_column(name, np.concatenate(parts))
+    return {name: columns[name] for name in chosen}, block
 
 
 def _decoded_size(metadata: Any, chosen: list[str]) -> int:
@@ -158,11 +167,11 @@ def _labels(values: Any, name: str, source: str) -> NDArray[np.str_]:
     return label_array(texts, name, source)[places + 1]
 
 
-def _numbers(pyarrow: Any, values: Any) -> Array:
-    """Return one pyarrow column of numbers as an array (n,)."""
+def _numbers(pyarrow: Any, values: Any) -> NDArray[Any]:
+    """Return one pyarrow column of numbers as an array (n,); where some are missing, of float64."""
     if pyarrow.types.is_dictionary(values.type):
         values = values.cast(values.type.value_type)
-    return np.asarray(values.to_numpy(zero_copy_only=False), dtype=np.float64)
+    return np.asarray(values.to_numpy(zero_copy_only=False))
 
 
 READER = Reader(

@@ -227,9 +227,8 @@ def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
     near, found = nearest_samples(more.time, fewer.time)
     if not found.any():
         raise InputError(
-            f"{first.source} is of {first.time[0]:.6g} to {first.time[-1]:.6g} s and "
-            f"{further.source} of {further.time[0]:.6g} to {further.time[-1]:.6g} s: times of one "
-            "clock are needed",
+            f"{first.source} is of {_span(first)} s and {further.source} of {_span(further)} s: "
+            "times of one clock are needed",
             file=path,
         )
     kept, joined = fewer.take(found), more.take(near[found])
@@ -244,6 +243,12 @@ def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
         source=first.source if path == second else f"{first.source} and {further.source}",
         kept_corrections="; ".join(texts),
     )
+
+
+def _span(recording: Recording) -> str:
+    """Return the first and the last time by the file's clock, in words."""
+    first, last = recording.stamps[[0, -1]]
+    return f"{first:.12g} to {last:.12g}"
 
 
 def _require_increasing_time(recording: Recording) -> None:
@@ -262,7 +267,8 @@ def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
     """Read the columns of the second file to their places in `first`, and return its table."""
     together = tuple(column for _, column, _ in columns.second)
     names = together if columns.time is None else (columns.time, *together)
-    table = _read(path, ReadRequest(names, (), together), columns.options)
+    wanted = ReadRequest(names, (), together, whole=columns.stamps)
+    table = _read(path, wanted, columns.options)
     block = number_block(table, together)
     name, time, place = first.source, first.time, first.data[:, -len(together) :]
     if len(block) != len(place):
@@ -272,7 +278,7 @@ def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
             file=path,
         )
     if columns.time is not None:
-        _refuse_unequal_times(table, sample_times(table, columns, len(block))[0], name, time)
+        _refuse_unequal_times(table, sample_times(table, columns, len(block)).time, name, time)
     place[:] = block
     return table
 

@@ -1,6 +1,15 @@
-"""Check of the units of accelerometer columns: at rest the norm must be gravity."""
+"""Checks of the units of a sensor at rest: the accelerometers read gravity, the gyros their bias.
 
+Rests show no scale factor of gyros. Raw counts that are declared as °/s, or an analog output
+without its offset, look like a large bias and leave residuals that agree with the noise. The bound
+is the initial zero-rate output of a MEMS gyro of low grade, ±20 °/s at 25 °C (InvenSense, MPU-6000
+and MPU-6050 Product Specification, PS-MPU-6000A-00 rev. 3.4, section 6.1). A larger bias is
+possible, so that the check warns and does not refuse.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import degrees, radians
 
 import numpy as np
 
@@ -9,6 +18,7 @@ from inercal.io.column_table import BLOCK_ROWS, row_blocks
 from inercal.recording import Finding, Recording
 from inercal.sensors import G0, Sensor
 
+LARGEST_BIAS = radians(20.0)  # rad/s, of a gyro at rest
 _WINDOW_S = 0.5
 _QUIETEST = 0.1  # share of all windows
 _POSSIBLE = (0.5, 2.0)  # of gravity; beyond, the unit is wrong and not the sensor
@@ -70,8 +80,14 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
     gravity : float
         Local gravity, m/s².
     """
-    norm = _norm_at_rest(recording, sensor.select_axes("f"))
-    finding = norm_finding(norm, gravity, _rest_norm_text(norm, gravity))
+    accelerometers = sensor.select_axes("f")
+    columns = [recording.channels.index(name) for name in accelerometers.channels]
+
+    def sensed(rows: slice) -> Array:
+        return accelerometers.to_si(recording.data[rows][:, columns])
+
+    norm = norm_at_rest(sensed, recording)
+    finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity))
     if finding is None:
         return recording
     return replace(recording, findings=(*recording.findings, finding))
@@ -93,25 +109,54 @@ def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding |
     if not len(means) or not columns:
         return None
     norm = float(np.median(np.linalg.norm(means[:, columns], axis=-1)))
-    return norm_finding(norm, gravity, _rest_norm_text(norm, gravity))
+    return norm_finding(norm, gravity, rest_norm_text(norm, gravity))
 
 
-def _rest_norm_text(norm: float, gravity: float) -> str:
+def rest_norm_text(norm: float, gravity: float) -> str:
+    """Return both norms, m/s², in words."""
     return f"specific force at rest is {norm:.4g} m/s² where gravity is {gravity:.5g} m/s²"
 
 
-def _norm_at_rest(recording: Recording, accelerometers: Sensor) -> float:
-    """Return the median of the mean norms, m/s², of the windows in which the norm varies least."""
-    columns = [recording.channels.index(name) for name in accelerometers.channels]
+def norm_at_rest(sensed: Callable[[slice], Array], recording: Recording) -> float:
+    """Return the median of the mean norms of the windows in which the norm varies least.
+
+    Parameters
+    ----------
+    sensed : callable
+        From rows of the recording to the accelerometers' readings, (k, m) m/s².
+    recording : Recording
+        Of n samples.
+    """
     n = recording.time.size
     window = max(2, min(round(_WINDOW_S * recording.rate_hz), n))
     scatter: list[Array] = []
     mean: list[Array] = []
     for rows in row_blocks(n // window * window, -(-BLOCK_ROWS // window) * window):
-        sensed = accelerometers.to_si(recording.data[rows][:, columns])
-        windows = np.linalg.norm(sensed, axis=-1).reshape(-1, window)
+        windows = np.linalg.norm(sensed(rows), axis=-1).reshape(-1, window)
         scatter.append(windows.std(axis=1))
         mean.append(windows.mean(axis=1))
     spread = np.concatenate(scatter)
     quiet = np.argsort(spread)[: max(1, round(_QUIETEST * spread.size))]
     return float(np.median(np.concatenate(mean)[quiet]))
+
+
+def rate_finding(rates: Sequence[tuple[str, float]], advice: str) -> Finding | None:
+    """Return a warning about gyros that read more at rest than a bias that can be expected.
+
+    Parameters
+    ----------
+    rates : sequence of (str, float)
+        Those gyros in words, and what they read, rad/s.
+    advice : str
+        What else to do, after "check unit, scale and offset in [sensor.gyro]".
+    """
+    if not rates:
+        return None
+    numbers = [f"{degrees(rate):.3g}".replace("-", "−") for _, rate in rates]
+    listed = ", ".join(f"{rates[k][0]} {number} °/s" for k, number in enumerate(numbers))
+    text = (
+        f"at rest the gyros read {listed}, but a bias is seldom beyond "
+        f"±{degrees(LARGEST_BIAS):.0f} °/s: raw counts or volts that are declared as a rate look "
+        f"like this; check unit, scale and offset in [sensor.gyro]{advice}"
+    )
+    return Finding("warning", "units", text)

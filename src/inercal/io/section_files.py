@@ -54,7 +54,7 @@ def read_sections(
     parts: dict[str, Recording] = {}
     for label, path in matching_files(pattern).items():
         read = read_unaudited(path, columns)
-        columns = replace(columns, origin=read.origin)  # dates count from the first file's first
+        columns = replace(columns, origin=read.origin)  # times count from the first file's first
         # Channels may be constant in a short rest: they are judged together.
         parts[label] = require_accepted(audit_rows(read, columns.nonfinite, in_place=True))
     joined = _join(pattern.name, parts)
@@ -71,11 +71,13 @@ def _join(source: str, parts: Mapping[str, Recording]) -> Recording:
         for finding in part.findings
         if finding.severity == "warning" and finding.what == "nonfinite"
     ]
-    times = [part.time for part in some]
+    start = float(some[0].time[0])  # before the origin, where a later file was read first
+    times = [part.time - start for part in some]
+    first_stamp = some[0].first_stamp + start
     if any(one[-1] >= two[0] for one, two in pairwise(times)):
         ordered = list(parts.items())
         some = [part for _, part in ordered]
-        times = _one_after_the_other([part.time for part in some])
+        times, first_stamp = _one_after_the_other(times), 0.0
         text = (
             f"the {len(some)} files of {source} have times of their own and are put one after the "
             f"other, {_PAUSE_S:g} s apart: how long it took from one to the next is not known"
@@ -100,6 +102,8 @@ def _join(source: str, parts: Mapping[str, Recording]) -> Recording:
         first_row=0,
         line_breaks=(),
         original=None,
+        origin=None,
+        first_stamp=first_stamp,
         kept_corrections="; ".join(texts),
         simulation=next((part.simulation for part in some if part.simulation), ""),
     )

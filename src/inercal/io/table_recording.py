@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +16,12 @@ from inercal.io.time_stamps import (
     require_unit,
     times_from_counter,
     times_from_iso,
+    times_from_origin,
 )
 from inercal.recording import Recording
 from inercal.units import si_factor, to_si
+
+_NS = 10**9
 
 
 @dataclass(frozen=True)
@@ -39,8 +44,8 @@ class Columns:
     time_keys : (str, str or None)
         Keys of a run file that a message names: the unit of the time column, and the rate that may
         replace the column.
-    origin : int or None
-        Time 0 of a column of dates, ns since 1970; None for the first row's time.
+    origin : Fraction or None
+        Time 0 by the clock of the stamps, ns, since 1970 of dates; None for the first row's time.
     label : str or None
         Column that names the section of each sample.
     temperature, temperature_unit : str
@@ -77,7 +82,7 @@ class Columns:
     second: tuple[tuple[str, str, str], ...] = ()
     modulus: int | None = None
     time_keys: tuple[str, str | None] = ("time_unit", "rate")
-    origin: int | None = None
+    origin: Fraction | None = None
     second_time: str | None = None
     options: Mapping[str, object] = field(default_factory=dict[str, object])
 
@@ -124,12 +129,25 @@ class Columns:
         many = (column for _, column, _ in (*self.channels, *self.readback))
         return tuple(dict.fromkeys([*(name for name in single if name is not None), *many]))
 
+    @property
+    def stamps(self) -> tuple[str, ...]:
+        """The column of times, if any, which is read without a loss of digits."""
+        return () if self.time is None else (self.time,)
+
+
+class SampleTimes(NamedTuple):
+    """Times of samples, (n,) s from the origin on; see `Recording` for the others."""
+
+    time: Array
+    origin: Fraction | None = None
+    first_stamp: float = 0.0
+
 
 def read_request(columns: Columns) -> ReadRequest:
     """Return what to read of the first file, with a place for the columns of the second."""
     label = () if columns.label is None else (columns.label,)
     together = tuple(column for _, column, _ in columns.channels)
-    return ReadRequest(columns.names, label, together, spare_columns=len(columns.second))
+    return ReadRequest(columns.names, label, together, len(columns.second), columns.stamps)
 
 
 def recording_from_table(table: Table, columns: Columns) -> Recording:
@@ -152,7 +170,7 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
     if columns.temperature is not None:
         celsius = table.numbers(columns.temperature)
         temperature = to_si(celsius, columns.temperature_unit, like="K")
-    time, origin = sample_times(table, columns, len(data))
+    time, origin, first_stamp = sample_times(table, columns, len(data))
     channels = columns.channels + columns.second
     return Recording(
         time=time,
@@ -170,6 +188,7 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
         first_row=table.first_line,
         line_breaks=table.line_breaks,
         origin=origin,
+        first_stamp=first_stamp,
         kept_corrections=table.kept_corrections,
         devices=table.devices,
     )
@@ -183,8 +202,8 @@ def number_block(table: Table, together: tuple[str, ...]) -> Array:
     return table.block
 
 
-def sample_times(table: Table, columns: Columns, n: int) -> tuple[Array, int | None]:
-    """Return the time of each sample, (n,), s, and time 0 of a column of dates, ns since 1970."""
+def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
+    """Return the times of a table's samples, counted from `columns.origin` or the first row."""
     name = columns.time
     if name is not None and columns.rate_hz is None and _holds_dates(table, name):
         if columns.time_unit is not None:
@@ -196,17 +215,25 @@ def sample_times(table: Table, columns: Columns, n: int) -> tuple[Array, int | N
                 names=(name,),
             )
         cells: list[str] = table.columns[name].tolist()
-        return times_from_iso(cells, name, table, columns.origin)
-    counter = np.arange(n, dtype=np.float64) if name is None else table.numbers(name)
+        return SampleTimes(*times_from_iso(cells, name, table, columns.origin))
+    if name is None:
+        return SampleTimes(np.arange(n, dtype=np.float64) / (columns.rate_hz or 1.0))
+    counter = table.stamps(name)
     if columns.rate_hz is not None and columns.modulus is not None:
         try:
-            return times_from_counter(counter, columns.modulus, columns.rate_hz), None
+            return SampleTimes(times_from_counter(counter, columns.modulus, columns.rate_hz))
         except InputError as error:
             raise error.located(table.source, file=table.source) from None
-    if name is None or columns.rate_hz is not None:
-        return counter / (columns.rate_hz or 1.0), None
+    if columns.rate_hz is not None:
+        rate = Fraction(columns.rate_hz)
+        origin = None if columns.origin is None else columns.origin * rate
+        count, start = times_from_origin(counter, 1.0, origin)
+        return SampleTimes(count / columns.rate_hz, start / rate, float(start / rate / _NS))
     require_unit(counter, name, columns.time_unit, table.source, columns.time_keys)
-    return counter * si_factor(columns.time_unit or "s", like="s"), None
+    before = table.time_zero or Fraction(0)
+    origin = None if columns.origin is None else columns.origin - before
+    time, start = times_from_origin(counter, si_factor(columns.time_unit or "s", like="s"), origin)
+    return SampleTimes(time, start + before, float(start / _NS))
 
 
 def _holds_dates(table: Table, name: str) -> bool:

@@ -31,6 +31,7 @@ from inercal.io.text_layout import TextLayout, column_count_text, refuse_sheet_e
 from inercal.io.text_scan import scan
 from inercal.recording import LineBreaks
 
+_LARGEST_EXACT = 2.0**53  # below, float64 holds every whole number
 _MOST_BREAKS = 10_000  # of the lines, as by blank lines and comments between rows
 
 
@@ -84,6 +85,8 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
     for name in names:
         k = layout.names.index(name)
         read[name] = labels[k] if k in words else blank[name][:n]
+        if name in wanted.whole and k not in words and _exceeds_float(blank[name][:n]):
+            read[name] = _whole_numbers(path, layout, k, blank[name][:n])
     # With comments and blank lines between the data, row k is not line first_line + k.
     rows_are_lines = layout.first_line + n - 1 == found.lines
     breaks = () if rows_are_lines else _line_breaks(path, layout, n)
@@ -98,6 +101,31 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
         block=block[:n],
         line_breaks=breaks,
     )
+
+
+def _exceeds_float(values: Array) -> bool:
+    """Return whether a number may have more digits than float64 holds."""
+    return bool(np.abs(values).max(initial=0.0) > _LARGEST_EXACT)
+
+
+def _whole_numbers(path: Path, layout: TextLayout, column: int, read: Array) -> Column:
+    """Return a column as int64; as it was read where not all of its cells are whole numbers."""
+    with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # of a cell such as 1.7e18
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            whole = np.loadtxt(
+                _lines(file, layout, set()),
+                dtype=np.int64,
+                delimiter=layout.delimiter,
+                comments=layout.comment,
+                quotechar='"' if layout.quoted else None,
+                usecols=column,
+                ndmin=1,
+            )
+        except (ValueError, OverflowError, DeprecationWarning):
+            return read
+    return whole if whole.shape == read.shape else read
 
 
 class _RowError(ValueError):

@@ -8,9 +8,11 @@ set; no unit is guessed.
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from fractions import Fraction
+from math import floor, isfinite
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from inercal.errors import InputError
 from inercal.io.column_table import Array, Table, shorten
@@ -32,10 +34,54 @@ _ISO = re.compile(
     r"(?:[.,](?P<fraction>\d{1,18}))?\s*(?P<zone>Z|z|[+-]\d\d(?::?\d\d)?)?"
 )
 _NS = 10**9
+_INT64_ORIGIN = 2**62  # differences from an origin within it do not overflow
+
+Stamps = Array | NDArray[np.int64]
+
+
+def times_from_origin(
+    stamps: Stamps, size: float, origin: Fraction | int | None = None
+) -> tuple[Array, Fraction]:
+    """Return the times of stamps from an origin on, and the origin.
+
+    The origin is taken off before anything is rounded: of a stamp since 1970, float64 keeps 0.2 µs.
+
+    Parameters
+    ----------
+    stamps : (n,) array of float64 or int64
+    size : float
+        s, of the unit of the stamps.
+    origin : Fraction, optional
+        Time 0, ns by the clock of the stamps; by default the first stamp that is finite.
+
+    Returns
+    -------
+    time : (n,) array
+        s.
+    origin : Fraction
+
+    >>> times_from_origin(np.array([1700000000123456789, 1700000000123456790]), 1e-9)[0].tolist()
+    [0.0, 1e-09]
+    """
+    unit = Fraction(str(size))  # 1e-9 means the decimal fraction
+    if origin is None:
+        first = stamps[int(np.argmax(np.isfinite(stamps)))].item()
+        origin = Fraction(first) * unit * _NS if isfinite(first) else 0
+    start = Fraction(origin) / (unit * _NS)
+    whole = floor(start)
+    if stamps.dtype.kind == "i" and abs(whole) < _INT64_ORIGIN:
+        time, rest = (stamps - whole).astype(np.float64), start - whole
+    else:
+        time, rest = stamps.astype(np.float64) - float(start), start - Fraction(float(start))
+    if rest:
+        time = time - float(rest)
+    # A division by 1000 is rounded once, a product with 0.001 twice.
+    time = time / unit.denominator if unit.numerator == 1 else time * size
+    return time, Fraction(origin)
 
 
 def require_unit(
-    stamps: Array, column: str, unit: str | None, source: str, keys: tuple[str, str | None]
+    stamps: Stamps, column: str, unit: str | None, source: str, keys: tuple[str, str | None]
 ) -> None:
     """Refuse stamps that look like another unit of time than the one in force.
 
@@ -108,14 +154,14 @@ def require_unit(
     )
 
 
-def _rate(stamps: Array) -> float | None:
+def _rate(stamps: Stamps) -> float | None:
     """Return samples per unit of the stamps, by the median step that is not zero."""
     steps = np.abs(np.diff(stamps))
     steps = steps[np.isfinite(steps) & (steps > 0)]
     return 1 / float(np.median(steps, overwrite_input=True)) if steps.size else None
 
 
-def _mean_rate(stamps: Array) -> float:
+def _mean_rate(stamps: Stamps) -> float:
     """Return samples per unit of the stamps, from the first to the last of them."""
     finite = stamps[np.isfinite(stamps)]
     return (finite.size - 1) / float(np.ptp(finite))
@@ -127,7 +173,7 @@ def _unit_of_column_name(column: str) -> str | None:
     return None if found is None else found.lastgroup
 
 
-def _epoch_unit(stamps: Array) -> str | None:
+def _epoch_unit(stamps: Stamps) -> str | None:
     finite = stamps[np.isfinite(stamps)]
     if not finite.size:
         return None
@@ -141,8 +187,8 @@ def is_iso_time(cell: str) -> bool:
 
 
 def times_from_iso(
-    cells: Sequence[str], column: str, table: Table, origin: int | None = None
-) -> tuple[Array, int]:
+    cells: Sequence[str], column: str, table: Table, origin: Fraction | int | None = None
+) -> tuple[Array, Fraction]:
     """Return the times of ISO 8601 stamps, such as 2026-11-23T03:10:09.123Z.
 
     Parameters
@@ -154,14 +200,14 @@ def times_from_iso(
         For messages.
     table : Table
         Which has these cells, for messages.
-    origin : int, optional
+    origin : Fraction, optional
         Time 0, ns since 1970; by default the first stamp.
 
     Returns
     -------
     time : (n,) array
         s.
-    origin : int
+    origin : Fraction
 
     Raises
     ------
@@ -205,8 +251,7 @@ def times_from_iso(
             raise refusal(k, "is not a time: seconds run from 0 to 59")
         fraction = (match["fraction"] or "0").ljust(9, "0")[:9]
         ns[k] = (known[minute, zone] + second) * _NS + int(fraction)
-    start = int(ns[0]) if origin is None else origin
-    return (ns - start) / _NS, start
+    return times_from_origin(ns, 1 / _NS, origin)
 
 
 def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:

@@ -238,12 +238,18 @@ def _read(
             why = COMPLEX if kind.kind == "c" else f"of {kind} holds no numbers"
             raise InputError(f"{source}: {variable.name!r} {why}", names=(variable.name,))
         places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
+        filled: dict[str, NDArray[Any]] = {
+            name: np.empty(n, kind) if name in wanted.whole else blank[name] for _, name in places
+        }
         for rows in row_blocks(n, _rows_per_read(variable)):
             part = _rows(variable, stored, rows)
             for k, name in places:
-                blank[name][rows] = part[:, k]
+                filled[name][rows] = part[:, k]
         for _, name in places:
-            read[name] = _integer_labels(blank[name]) if name in wanted.text else blank[name]
+            values = filled[name]
+            if name in wanted.whole:
+                values = wanted.number_column(name, values)
+            read[name] = _integer_labels(values) if name in wanted.text else values
     return {name: read[name] for name in chosen}, block
 
 
@@ -259,7 +265,7 @@ def _rows_per_read(variable: Variable) -> int:
     return -(-rows // variable.chunk) * variable.chunk
 
 
-def _integer_labels(values: Array) -> Column:
+def _integer_labels(values: NDArray[Any]) -> Column:
     """Return whole numbers as labels: MATLAB writes 1, 2, 3 as floating point."""
     integer = np.isfinite(values).all() and (values == np.round(values)).all()
     return values.astype(np.int64).astype(np.str_) if integer else values

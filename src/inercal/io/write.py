@@ -81,7 +81,7 @@ def _arrays(recording: Recording) -> dict[str, Column]:
             f"a file holds a single run, data (n, m), but the data are {recording.data.shape}; "
             "write each trial to a separate file"
         )
-    pairs: list[tuple[str, Column]] = [(recording.time_name, recording.time)]
+    pairs: list[tuple[str, Column]] = [(recording.time_name, recording.stamps)]
     pairs += [(name, recording.data[:, k]) for k, name in enumerate(recording.channels)]
     if recording.labels is not None:
         pairs.append((recording.label_name, recording.labels))

@@ -25,6 +25,7 @@ from inercal.noise.lines import SpectralLine, take_out_lines
 from inercal.noise.movement import movement
 from inercal.noise.pieces import Part, Pieces, split_at_gaps
 from inercal.noise.quiet_parts import quiet_parts, walk_remark
+from inercal.noise.rest_units import check_rest_units
 from inercal.noise.rounding import check_rounding
 from inercal.noise.selection import CANDIDATES, select_terms
 from inercal.noise.spectrum import (
@@ -37,6 +38,7 @@ from inercal.noise.spectrum import (
 )
 from inercal.noise.terms import TERMS
 from inercal.recording import Recording
+from inercal.sensors import G0
 from inercal.units import si_factor
 
 DEVIATIONS = ("oadev", "mdev", "ohdev", "totdev")
@@ -64,6 +66,7 @@ def analyse_noise(
     kinds: Sequence[str] = DEVIATIONS,
     keep_disturbed: bool = True,
     skipped_bands: Sequence[Band] = (),
+    gravity: float | None = G0,
 ) -> NoiseAnalysis:
     """Return the noise of every channel of a recording at rest.
 
@@ -84,6 +87,9 @@ def analyse_noise(
         False leaves the disturbed times out, which parts the recording there.
     skipped_bands : sequence of (float, float)
         Lowest and highest frequency of bands that the fit leaves out, Hz.
+    gravity : float or None
+        Local gravity, m/s², with which three accelerometers are compared; None for readings without
+        gravity, such as simulated noise, whose unit is then not checked.
 
     Returns
     -------
@@ -93,19 +99,20 @@ def analyse_noise(
     Raises
     ------
     InputError
-        Fewer than 64 samples, a unit of neither quantity, a reading that is rounded to steps of
-        more than 2.5 times its noise, or unknown terms.
+        Fewer than 64 samples, a unit of neither quantity, accelerometers that do not read gravity,
+        a reading that is rounded to steps of more than 2.5 times its noise, or unknown terms.
     """
     wanted = AnalysisOptions(
         candidate_models(terms), method, spacing, tuple(kinds), keep_disturbed, tuple(skipped_bands)
     )
+    units = check_rest_units(recording, gravity)
     pieces = split_at_gaps(recording)
     channels = [_channel(recording, pieces, k, wanted) for k in range(len(recording.channels))]
     return NoiseAnalysis(
         recording.source,
         recording.duration,
         tuple(channels),
-        pieces.remarks,
+        (*units, *pieces.remarks),
         recording.sha256,
         movement(recording),
     )

@@ -125,7 +125,7 @@ def _phase_noise_edf(alpha: int, m: int, n: int) -> float:
     return max(float(np.exp(np.sqrt(product))) / _FLICKER_EXCESS, 1.0)
 
 
-def degrees_of_freedom(kind: str, alpha: int, m: int, n: int) -> float:
+def degrees_of_freedom(kind: str, alpha: int, m: int, n: int, overlap: int | None = None) -> float:
     """Return the equivalent degrees of freedom of a deviation.
 
     Parameters
@@ -138,10 +138,14 @@ def degrees_of_freedom(kind: str, alpha: int, m: int, n: int) -> float:
         Averaging factor.
     n : int
         Number of block means.
+    overlap : int, optional
+        Differences within an averaging time, of kinds that overlap; by default all m.
     """
+    overlap = m if overlap is None else overlap
     if kind == "totdev":
         b, c = _TOTAL_EDF[int(np.clip(alpha, -2, 0))]
-        return max(b * n / m - c, 1.0)
+        used, every = (degrees_of_freedom("oadev", alpha, m, n, k) for k in (overlap, m))
+        return max((b * n / m - c) * min(used / every, 1.0), 1.0)
     if kind == "mtot":
         b, c = _MTOT_EDF[int(np.clip(alpha, -2, 2))]
         return max(b * n / m - c, 1.0)
@@ -151,7 +155,7 @@ def degrees_of_freedom(kind: str, alpha: int, m: int, n: int) -> float:
     d = 3 if kind in ("hdev", "ohdev") else 2
     alpha = max(alpha, 1 - 2 * d)
     modified = kind in ("mdev", "tdev")
-    steps = 1 if kind in ("adev", "hdev") else m
+    steps = 1 if kind in ("adev", "hdev") else overlap
     return _greenhall_riley(alpha, d, m, steps, 1.0 if modified else float(m), n + 1)
 
 

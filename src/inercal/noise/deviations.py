@@ -8,8 +8,10 @@ averaging time is τ = m Δ. Each variance is a mean of squared differences (Ril
     mdev    as oadev of the means of m sums;  tdev = τ mdev/√3
     totdev  as oadev of the series reflected at both ends
 
-Past m = 1024 every (m/16)-th difference is used: neighbours repeat one another, and the
-equivalent degrees of freedom fall by 0.5 %.
+Past m = 1024 every (m/16)-th difference is used: neighbours repeat one another. The equivalent
+degrees of freedom count it: they fall by 0.5 % of white noise and of what is slower, but of
+quantisation, where neighbours repeat nothing, to those of the differences that are used. At all
+averaging factors the overlapping Allan variance uses every difference, which takes n²/4 of them.
 """
 
 from collections.abc import Sequence
@@ -133,6 +135,11 @@ def stride_of(m: int) -> int:
     return 1 if m <= FULL_OVERLAP else m // _OVERLAP
 
 
+def default_strides(factors: np.ndarray) -> np.ndarray:
+    """Return `stride_of` of each averaging factor."""
+    return np.where(factors <= FULL_OVERLAP, 1, factors // _OVERLAP)
+
+
 def _difference_variance(x: Array, m: int, kind: str) -> tuple[float, int]:
     hadamard = kind in ("hdev", "ohdev")
     stride = m if kind in ("adev", "hdev") else stride_of(m)
@@ -141,8 +148,11 @@ def _difference_variance(x: Array, m: int, kind: str) -> tuple[float, int]:
     return total / (count * (6.0 if hadamard else 2.0) * m**2), count
 
 
-def _modified_variance(x: Array, m: int) -> tuple[float, int]:
-    doubled = np.concatenate([[0.0], np.cumsum(x - x.mean())])
+def _summed_twice(x: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(x - x.mean())])
+
+
+def _modified_variance(doubled: Array, m: int) -> tuple[float, int]:
     total, count = sum_of_squared_differences(doubled, m, _HADAMARD, stride_of(m))
     return total / (count * 2.0 * float(m) ** 4), count
 
@@ -167,7 +177,7 @@ def variance(x: Array, m: int, kind: str) -> tuple[float, int]:
         Of `KINDS`; "tdev" is returned as the modified variance.
     """
     if kind in ("mdev", "tdev"):
-        return _modified_variance(x, m)
+        return _modified_variance(_summed_twice(x), m)
     if kind == "totdev":
         return _total_variance(x, m)
     if kind == "htot":
@@ -198,6 +208,7 @@ def deviations(
     kind : str
         Of `KINDS`.
     spacing : "octave", "decade" or "all"
+        At "all" the overlapping Allan deviation uses every difference.
     factors : sequence of int, optional
         Averaging factors instead of `spacing`.
 
@@ -218,20 +229,35 @@ def deviations(
             f"{chosen.min()} to {chosen.max()}"
         )
     x = cumulative_sum(y)
-    values, counts = _variances(x, chosen, kind)
-    return with_intervals(kind, chosen, values, counts, _names(x, chosen), y.size, dt)
+    every = kind == "oadev" and spacing == "all" and factors is None
+    strides = np.ones_like(chosen) if every else default_strides(chosen)
+    values, counts = _variances(x, chosen, kind, strides)
+    alphas = _names(x, chosen)
+    return with_intervals(kind, chosen, values, counts, alphas, y.size, dt, strides)
 
 
-def _variances(x: Array, factors: np.ndarray, kind: str) -> tuple[Array, list[int]]:
-    """Return the variances at all factors, with Δ = 1, and their counts."""
+def _variances(
+    x: Array, factors: np.ndarray, kind: str, strides: np.ndarray
+) -> tuple[Array, list[int]]:
+    """Return the variances at all factors, with Δ = 1, and their counts.
+
+    Only the overlapping Allan variance has other strides than those of `stride_of`.
+    """
     if kind != "oadev" or x.size * min(factors.size, _COMPILED_FACTORS) < _COMPILED_FROM:
-        found = [variance(x, int(m), kind) for m in factors]
+        if kind == "oadev":
+            steps = zip(factors.tolist(), strides.tolist(), strict=True)
+            sums = [(m, *sum_of_squared_differences(x, m, ALLAN, stride)) for m, stride in steps]
+            found = [(total / (count * 2.0 * m**2), count) for m, total, count in sums]
+        elif kind in ("mdev", "tdev"):
+            doubled = _summed_twice(x)
+            found = [_modified_variance(doubled, int(m)) for m in factors]
+        else:
+            found = [variance(x, int(m), kind) for m in factors]
         return np.array([one[0] for one in found]), [one[1] for one in found]
     # Numba takes a second to load, which only long work repays.
     from inercal.noise._kernels import squared_second_differences
 
-    factors = factors.astype(np.int64)
-    strides = np.array([stride_of(int(m)) for m in factors])
+    factors, strides = factors.astype(np.int64), strides.astype(np.int64)
     counts = (x.size - 2 * factors - 1) // strides + 1
     totals = squared_second_differences(x, factors, strides, np.zeros_like(factors))
     return totals / (2.0 * counts * factors.astype(np.float64) ** 2), counts.tolist()
@@ -253,13 +279,17 @@ def _nodes(factors: np.ndarray) -> np.ndarray:
     return np.unique(factors[np.minimum(np.searchsorted(factors, places), factors.size - 1)])
 
 
-def _interpolated_edf(kind: str, factors: np.ndarray, alphas: Sequence[int], n: int) -> Array:
+def _interpolated_edf(
+    kind: str, factors: np.ndarray, alphas: Sequence[int], n: int, strides: np.ndarray
+) -> Array:
     """Return the equivalent degrees of freedom, of many factors between a hundred of them."""
     names, nodes = np.array(alphas), _nodes(factors)
+    steps = np.maximum(np.rint(factors / strides).astype(np.int64), 1)
+    overlap = dict(zip(factors.tolist(), steps.tolist(), strict=True))
     edf = np.empty(factors.size)
     for alpha in np.unique(names):
         some = names == alpha
-        at = [degrees_of_freedom(kind, int(alpha), int(m), n) for m in nodes]
+        at = [degrees_of_freedom(kind, int(alpha), m, n, overlap[m]) for m in nodes.tolist()]
         edf[some] = np.exp(np.interp(np.log(factors[some]), np.log(nodes), np.log(at)))
     return edf
 
@@ -272,11 +302,29 @@ def with_intervals(
     alphas: Sequence[int],
     n: int,
     dt: float,
+    strides: np.ndarray | None = None,
 ) -> Deviations:
-    """Return variances with Δ = 1 as deviations in the unit of y with their intervals."""
+    """Return variances with Δ = 1 as deviations in the unit of y with their intervals.
+
+    Parameters
+    ----------
+    kind : str
+    factors : (k,) array of int
+    variances : (k,) array
+    counts : sequence of k int
+        Differences that were used.
+    alphas : sequence of k int
+    n : int
+        Number of block means.
+    dt : float
+        Δ, s.
+    strides : (k,) array of int, optional
+        Steps between these differences; by default `stride_of` of each factor.
+    """
+    strides = default_strides(factors) if strides is None else strides
     tau = factors * dt
     pairs = list(zip(factors, alphas, strict=True))
-    edf = _interpolated_edf(kind, factors, alphas, n)
+    edf = _interpolated_edf(kind, factors, alphas, n, strides)
     corrected = variances / np.array([bias_ratio(kind, a, int(m), n) for m, a in pairs])
     value = np.sqrt(corrected) * (tau / np.sqrt(3) if kind == "tdev" else 1.0)
     low, high = interval(value, edf)

@@ -73,8 +73,11 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
     squares: list[float] = []
     counts: list[int] = []
     shares: list[float] = []
-    for m in map(int, averaging_factors(n, spacing, _PHASES)):
-        total, count, possible = _masked_sum(x, filled, m)
+    every = spacing == "all"
+    candidates = averaging_factors(n, spacing, _PHASES).tolist()
+    strides = {m: 1 if every else stride_of(m) for m in candidates}
+    for m in candidates:
+        total, count, possible = _masked_sum(x, filled, m, strides[m])
         if count:
             factors.append(m)
             squares.append(total / (2.0 * count))
@@ -83,15 +86,24 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
     # The name of the noise, a label, is of the samples closed up.
     closed = cumulative_sum(np.concatenate([one.values for one in parts]))
     alphas = [identify_noise(closed, m) for m in factors]
-    found = with_intervals("oadev", np.array(factors), np.array(squares), counts, alphas, n, dt)
+    found = with_intervals(
+        "oadev",
+        np.array(factors),
+        np.array(squares),
+        counts,
+        alphas,
+        n,
+        dt,
+        np.array([strides[m] for m in factors]),
+    )
     edf = np.maximum(found.edf * np.array(shares), 1.0)
     low, high = interval(found.value, edf)
     return replace(found, low=low, high=high, edf=edf)
 
 
-def _masked_sum(x: Array, filled: Array, m: int) -> tuple[float, int, int]:
+def _masked_sum(x: Array, filled: Array, m: int, stride: int) -> tuple[float, int, int]:
     """Return Σ (mean − mean)² where both are half full, their number, and that of all."""
-    starts: NDArray[np.int64] = np.arange(0, x.size - 2 * m, stride_of(m))
+    starts: NDArray[np.int64] = np.arange(0, x.size - 2 * m, stride)
     total, count = 0.0, 0
     for first in range(0, starts.size, _BLOCK):
         i = starts[first : first + _BLOCK]

@@ -17,10 +17,12 @@ from inercal.noise.conclusion import ChannelSummary, conclude
 from inercal.noise.gap_oadev import join_deviations
 from inercal.noise.lines import take_out_lines
 from inercal.noise.pieces import FEWEST
+from inercal.noise.rest_units import check_rest_units
 from inercal.noise.spectrum import Band, remove_band
 from inercal.noise.streamed_means import StreamedMeans
 from inercal.noise.streaming import StreamedChannel
 from inercal.recording import Recording
+from inercal.sensors import G0
 from inercal.units import si_factor
 
 _MOST_STREAMS = 48  # channels times pieces; each keeps 3 MB and more
@@ -35,6 +37,7 @@ def analyse_noise_stream(
     *,
     terms: str | None = None,
     source: str = "",
+    gravity: float | None = G0,
 ) -> NoiseAnalysis:
     """Return the noise of a recording without gaps that comes in pieces, in bounded memory.
 
@@ -51,6 +54,8 @@ def analyse_noise_stream(
         As in `analyse_noise`.
     source : str
         For messages.
+    gravity : float or None
+        As in `analyse_noise`.
 
     Raises
     ------
@@ -61,7 +66,7 @@ def analyse_noise_stream(
     stream = NoiseStream(dt, channels, units, source)
     for piece in pieces:
         stream.add(piece)
-    return stream.analysis(candidates)
+    return stream.analysis(candidates, gravity=gravity)
 
 
 class NoiseStream:
@@ -141,7 +146,11 @@ class NoiseStream:
             one.add(np.ascontiguousarray(values[:, k], dtype=np.float64) * self._sizes[k])
 
     def analysis(
-        self, candidates: tuple[str, ...], skipped_bands: Sequence[Band] = (), sha256: str = ""
+        self,
+        candidates: tuple[str, ...],
+        skipped_bands: Sequence[Band] = (),
+        sha256: str = "",
+        gravity: float | None = G0,
     ) -> NoiseAnalysis:
         """Return the noise of all channels.
 
@@ -153,11 +162,14 @@ class NoiseStream:
             Hz, left out of the fit.
         sha256 : str
             Of the recording.
+        gravity : float or None
+            As in `analyse_noise`.
 
         Raises
         ------
         InputError
-            Fewer than 64 samples, or readings that are rounded too coarsely.
+            Fewer than 64 samples, accelerometers that do not read gravity, or readings that are
+            rounded too coarsely.
         """
         if self._pieces[-1][0].count < FEWEST:
             self._left_out += self._pieces.pop()[0].count
@@ -170,6 +182,7 @@ class NoiseStream:
         for channels in self._pieces:
             for one in channels:
                 one.dt = self.dt
+        units = check_rest_units(self.block_mean_recording(), gravity)
         found = [
             conclude(self._summary(k, skipped_bands), candidates, "likelihood")
             for k in range(len(self._channels))
@@ -178,7 +191,8 @@ class NoiseStream:
         if duration is None:
             last = len(self._pieces) - 1
             duration = self._starts[last] + (self._pieces[last][0].count - 1) * self.dt
-        return NoiseAnalysis(self.source, duration, tuple(found), self._all_remarks(), sha256)
+        remarks = (*units, *self._all_remarks())
+        return NoiseAnalysis(self.source, duration, tuple(found), remarks, sha256)
 
     def _all_remarks(self) -> tuple[str, ...]:
         remarks = list(self.remarks)

@@ -140,6 +140,9 @@ def calibrate(
     method: str | Mapping[str, object] | None = None,
     sensor: Mapping[str, object] | None = None,
     bench: Mapping[str, object] | None = None,
+    environment: Mapping[str, object] | None = None,
+    specification: Mapping[str, object] | None = None,
+    job: Mapping[str, object] | None = None,
     **data_keys: Any,
 ) -> Outcome:
     """Calibrate from a run file, or from data and sections that are given here. Writes nothing.
@@ -153,8 +156,9 @@ def calibrate(
         Called after each generation of a search: number, least sum of squares, worst error.
     method : str or mapping
         Name of the method, or the keys of [method].
-    sensor, bench : mapping
-        The keys of [sensor] and [bench] of a run file.
+    sensor, bench, environment, specification, job : mapping
+        The keys of these sections of a run file. Files that they name are relative to the working
+        folder.
     **data_keys
         The keys of [data] of a run file, such as `rate`, `accelerometer`, `kind`. `marks` may be a
         mapping of each label to the samples of its section, (start, end).
@@ -186,10 +190,19 @@ def calibrate(
     >>> outcome
     <Outcome: Calibration of sensor: six_position, ml, 12 coefficients, consistent>
     """
+    sections = {
+        "method": method,
+        "sensor": sensor,
+        "bench": bench,
+        "environment": environment,
+        "specification": specification,
+        "job": job,
+    }
     if method is not None and not isinstance(data, Run):
-        with stated_run(data, method, sensor or {}, bench, data_keys) as run:
+        required = {"sensor": sensor or {}, "bench": bench or {}}
+        with stated_run(data, sections | required, data_keys) as run:
             return _calibrate(run, progress)
-    if method is not None or sensor is not None or bench is not None or data_keys:
+    if data_keys or any(one is not None for one in sections.values()):
         raise TypeError(
             "a run file states all sections: give method with data, or a run file alone"
         )

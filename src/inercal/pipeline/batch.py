@@ -136,7 +136,8 @@ def calibrate_batch(
         )
     first = {name: column[0] if name in varied else column for name, column in columns.items()}
     keys = {"kind": "means", **data_keys}
-    with stated_run(first, method, sensor, bench, keys) as run:
+    sections = {"method": method, "sensor": sensor, "bench": bench or {}}
+    with stated_run(first, sections, keys) as run:
         return _calibrate_all(run, columns, counts.pop())
 
 

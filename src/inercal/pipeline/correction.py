@@ -208,12 +208,13 @@ def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
         corrected = replace(corrected, temperature=None, readback=readback)
     if not text:
         return corrected
-    time = corrected.time
+    time = corrected.stamps
     if time.size > 1 and (step := float(np.median(np.diff(time)))) > 0:
         time = np.round(time, 4 - math.floor(math.log10(step)))
     return replace(
         corrected,
         time=time,
+        first_stamp=0.0,
         data=_significant(corrected.data),
         readback={name: _significant(values) for name, values in corrected.readback.items()},
     )

@@ -1,7 +1,8 @@
 """Sections and data given as arguments of a call, as a run: the same checks as of a run file."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from hashlib import sha256
 from json import dumps
 from os import PathLike, fspath
@@ -22,11 +23,7 @@ _TABLE, _MARKS = "data.npz", "marks.json"
 
 @contextmanager
 def stated_run(
-    data: object,
-    method: str | Mapping[str, object],
-    sensor: Mapping[str, object],
-    bench: Mapping[str, object] | None,
-    data_keys: Mapping[str, object],
+    data: object, sections: Mapping[str, object], data_keys: Mapping[str, object]
 ) -> Generator[Run]:
     """Yield the run of sections that are stated as arguments, with data in memory or in a file.
 
@@ -36,10 +33,9 @@ def stated_run(
     ----------
     data : object
         As of `inercal.calibrate`.
-    method : str or mapping
-        Name of the method, or [method].
-    sensor, bench : mapping
-        [sensor] and [bench].
+    sections : mapping of str to mapping
+        The sections of a run file but [data], by name; those that are None are not stated. Files
+        that they name are relative to the working folder. [method] may be its name alone.
     data_keys : mapping
         Keys of [data] but `file`; `marks` may be a mapping of labels to samples.
 
@@ -53,31 +49,32 @@ def stated_run(
     with TemporaryDirectory(prefix="inercal-") as name:
         folder = Path(name)
         keys: dict[str, Any] = dict(data_keys)
+        held: dict[str, Path] = {}
         if isinstance(data, str | PathLike):
-            folder = Path.cwd()
             keys["file"] = fspath(data)
         else:
             if isinstance(data, Recording):
                 keys = recording_keys(data) | keys
             columns = columns_in_memory(data)
             np.savez(folder / _TABLE, allow_pickle=False, **columns)
-            keys["file"] = _TABLE
+            keys["file"], held[_TABLE] = _TABLE, folder / _TABLE
         if isinstance(marks := keys.get("marks"), Mapping):
-            path = Path(name) / _MARKS
+            path = folder / _MARKS
             path.write_text(_marks_as_json(cast(Mapping[str, object], marks)), encoding="utf-8")
             keys["marks"] = str(path)
-        sections = {
-            "sensor": _plain(sensor),
-            "bench": _plain(bench or {}),
-            "data": _plain(keys),
-            "method": {"name": method} if isinstance(method, str) else _plain(method),
-        }
-        digest = sha256(dumps(sections, sort_keys=True, default=str).encode()).hexdigest()
+        if isinstance(method := sections.get("method"), str):
+            sections = {**sections, "method": {"name": method}}
+        content = {key: _plain(one) for key, one in sections.items() if one is not None}
+        content["data"] = _plain(keys)
+        digest = sha256(dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+        call = Path.cwd() / _CALL
         try:
-            yield from_sections(folder / _CALL, sections, digest)
+            yield replace(from_sections(call, content, digest), held_files=held)
         except InercalError as error:
             error.args = tuple(
-                part.replace(f"{folder}/", "") if isinstance(part, str) else part
+                part.replace(f"{folder}/", "").replace(str(call), _CALL)
+                if isinstance(part, str)
+                else part
                 for part in error.args
             )
             raise
@@ -95,9 +92,12 @@ def _marks_as_json(marks: Mapping[str, object]) -> str:
     )
 
 
-def _plain(section: Mapping[str, object]) -> dict[str, Any]:
-    """Return a section as TOML would read it: lists in place of tuples."""
-    return {
-        key: list(value) if isinstance(value, tuple) else value  # pyright: ignore[reportUnknownArgumentType]
-        for key, value in section.items()
-    }
+def _plain(value: object) -> Any:
+    """Return a value as TOML would read it: lists in place of tuples, texts in place of paths."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in cast(Mapping[object, object], value).items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in cast(Sequence[object], value)]
+    if isinstance(value, np.generic):
+        return cast(object, value.item())
+    return fspath(cast("PathLike[str]", value)) if isinstance(value, PathLike) else value

@@ -1,25 +1,17 @@
-"""Check of the units of gyro columns: at rest a gyro reads its bias, which data sheets bound.
-
-Rests show no scale factor of gyros. Raw counts that are declared as °/s, or an analog output
-without its offset, look like a large bias and leave residuals that agree with the noise. The bound
-is the initial zero-rate output of a MEMS gyro of low grade, ±20 °/s at 25 °C (InvenSense, MPU-6000
-and MPU-6050 Product Specification, PS-MPU-6000A-00 rev. 3.4, section 6.1). A larger bias is
-possible, so that the check warns and does not refuse.
-"""
+"""Check of the units of gyro columns: at rest a gyro reads its bias; see `inercal.io.rest_norm`."""
 
 from collections.abc import Sequence
-from math import degrees, radians, sqrt
+from math import sqrt
 
 import numpy as np
 
 from inercal.data.recording_loader import unsigned_column
 from inercal.estimate import Gaussian
+from inercal.io.rest_norm import LARGEST_BIAS, rate_finding
 from inercal.plan import Hold, Position, Step
 from inercal.recording import Finding, Observations
 from inercal.sensors import Sensor
 from inercal.uncertainty.coverage import COVERAGE
-
-_LARGEST = radians(20.0)  # rad/s, of a gyro at rest
 
 
 def check_zero_rates(
@@ -49,22 +41,15 @@ def check_zero_rates(
         return ()
     expected = _expected_values(priors)
     gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
-    texts: list[str] = []
+    large: list[tuple[str, float]] = []
     for k, column in zip(gyros, columns, strict=False):
         name = sensor.axes[k].name
         rate = float(np.median(observations.mean[resting, k]))
         bias, sd = expected.get(f"{name}.bias", (0.0, 0.0))
-        if abs(rate - bias) > max(_LARGEST, COVERAGE * sd):
-            number = f"{degrees(rate):.3g}".replace("-", "−")
-            texts.append(f"{name} (column {unsigned_column(column)}) {number} °/s")
-    if not texts:
-        return ()
-    text = (
-        f"at rest the gyros read {', '.join(texts)}, but a bias is seldom beyond "
-        f"±{degrees(_LARGEST):.0f} °/s: raw counts or volts that are declared as a rate look like "
-        "this; check unit, scale and offset in [sensor.gyro], or state the bias in [method.prior]"
-    )
-    return (Finding("warning", "units", text),)
+        if abs(rate - bias) > max(LARGEST_BIAS, COVERAGE * sd):
+            large.append((f"{name} (column {unsigned_column(column)})", rate))
+    finding = rate_finding(large, ", or state the bias in [method.prior]")
+    return () if finding is None else (finding,)
 
 
 def _expected_values(priors: Sequence[Gaussian]) -> dict[str, tuple[float, float]]:

@@ -8,11 +8,13 @@ from inercal.recording.findings import Finding, Severity
 from inercal.recording.observations import Observations, join_observations
 from inercal.recording.samples import (
     GAP_FACTOR,
+    STAMP_ROUNDING,
     Indices,
     LineBreaks,
     Mark,
     Recording,
     line_of_row,
+    sample_count,
 )
 from inercal.recording.temperature_course import (
     TEMPERATURE_VARIATION,
@@ -24,6 +26,7 @@ from inercal.recording.transitions import HalfSectionChanges, Transitions
 
 __all__ = [
     "GAP_FACTOR",
+    "STAMP_ROUNDING",
     "TEMPERATURE_VARIATION",
     "AngleQuality",
     "Finding",
@@ -40,5 +43,6 @@ __all__ = [
     "join_observations",
     "join_tracks",
     "line_of_row",
+    "sample_count",
     "temperature_rate",
 ]

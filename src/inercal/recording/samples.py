@@ -3,6 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -17,7 +18,17 @@ Indices = NDArray[np.int64]
 
 LineBreaks = tuple[tuple[int, int], ...]
 
+STAMP_ROUNDING = 2e-6  # s: stamps in whole µs, or since 1970 in s as float64, are rounded by less
 GAP_FACTOR = 1.5  # a step of time longer than this many median steps has lost samples
+
+
+def sample_count(seconds: float, step: float) -> int:
+    """Return the samples in a time; the rounding of stamps does not decide about half a sample.
+
+    >>> [sample_count(0.1, step) for step in (0.04, 0.0399999)]
+    [2, 2]
+    """
+    return round(round(seconds / step, 3))
 
 
 def line_of_row(row: int, first_line: int, breaks: LineBreaks) -> int | None:
@@ -50,7 +61,7 @@ class Recording:
     Parameters
     ----------
     time : (n,) array
-        s, of each sample.
+        s, of each sample, from the first row of the file on: absolute times have too many digits.
     data : (..., n, m) array
         Readings in output units.
     channels, units : tuple of m str
@@ -76,8 +87,10 @@ class Recording:
         Column to which labels are written.
     time_name : str
         Column to which times are written.
-    origin : int or None
-        Time 0, ns since 1970, where the file states dates.
+    origin : Fraction or None
+        Time 0 by the clock of the file, ns, since 1970 where it states dates; None without a clock.
+    first_stamp : float
+        What a written file has in place of time 0, s, as the file that was read; 0 for dates.
     kept_corrections : str
         Corrections by another program that the readings hold, with its parameters; empty where
         none are known.
@@ -109,7 +122,8 @@ class Recording:
     original: Indices | None = None
     label_name: str = "label"
     time_name: str = "time"
-    origin: int | None = None
+    origin: Fraction | None = None
+    first_stamp: float = 0.0
     kept_corrections: str = ""
     devices: str = ""
     simulation: str = ""
@@ -138,6 +152,11 @@ class Recording:
         raise InputError(where + what, file=self.source or None, key=key)
 
     @property
+    def stamps(self) -> Array:
+        """Times by the clock of the file that was read, (n,) s; for display and for writing."""
+        return self.time + self.first_stamp
+
+    @property
     def duration(self) -> float:
         """Time of the last sample minus that of the first, s."""
         return float(self.time[-1] - self.time[0])
@@ -164,8 +183,8 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """One over the median time between samples, Hz."""
-        return 1 / self.median_step
+        """One over the median time between samples, Hz, to the digits that rounded stamps leave."""
+        return float(f"{1 / self.median_step:.5g}")
 
     @cached_property
     def gaps(self) -> Indices:

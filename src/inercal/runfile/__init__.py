@@ -122,6 +122,8 @@ class Run:
         The qualifications of the bench.
     check_standard : str
         State of the bench's check standard, in words; empty where none is stated.
+    held_files : mapping of str to Path
+        Files that hold what a call gave in memory, by the names that [data] has for them.
     """
 
     path: Path
@@ -149,6 +151,7 @@ class Run:
     temperature_order: TemperatureOrder = None
     qualified: UsedQualifications = NO_QUALIFICATIONS
     check_standard: str = ""
+    held_files: Mapping[str, Path] = field(default_factory=dict[str, Path])
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -209,7 +212,7 @@ class Run:
                 "correct the name",
                 file=self.path,
             )
-        return self.path.parent / name
+        return self.held_files.get(name, self.path.parent / name)
 
     def input_files(self) -> list[Path]:
         """Return the run file and the existing files that its keys and values name."""

@@ -14,8 +14,8 @@ import scipy
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.recording import STAMP_ROUNDING, Indices, sample_count
 
-Indices = NDArray[np.int64]
 _WINDOW = 1.0  # s
 _LEAST = 1.0  # s, of a hold without its settling
 _APART = 0.5  # s without a sample after which a hold ends
@@ -80,7 +80,7 @@ def find_holds(
     n = time.size
     if n < 2:
         return np.zeros((0, 2), dtype=np.int64)
-    window = max(round(_WINDOW / float(np.median(np.diff(time)))), 2) + 1
+    window = max(_samples(time, _WINDOW), 2) + 1
     quiet = np.ones(n, dtype=np.bool_)
     for column, most in zip(angles.T, hold_limits(angles), strict=True):
         own = np.ascontiguousarray(column)
@@ -91,8 +91,9 @@ def find_holds(
     held = scipy.ndimage.maximum_filter1d(quiet.astype(np.uint8), window).astype(np.bool_)
     settled = np.zeros(n, dtype=np.bool_)
     for start, stop in _runs(held, np.zeros(n - 1, dtype=np.bool_)).tolist():
-        first = np.searchsorted(time, time[start] + settling) if start else 0
-        last = np.searchsorted(time, time[stop - 1] - settling, "right") if stop < n else n
+        wait = settling - STAMP_ROUNDING
+        first = np.searchsorted(time, time[start] + wait) if start else 0
+        last = np.searchsorted(time, time[stop - 1] - wait, "right") if stop < n else n
         settled[first:last] = True
     parted = np.diff(time) > _APART
     if labels is not None:
@@ -168,4 +169,4 @@ def _rates(time: Array, angles: Array) -> Array:
 
 
 def _samples(time: Array, seconds: float) -> int:
-    return max(round(seconds / float(np.median(np.diff(time)))), 1)
+    return max(sample_count(seconds, float(np.median(np.diff(time)))), 1)

@@ -64,6 +64,7 @@ KIND = Kind(
     ),
     refuses_budget=_refuses_budget,
     rows_of_table=True,
+    spins=True,
     sheet=sheet,
     directions=directions,
     row=describe_spin,

@@ -145,7 +145,7 @@ class ReceivedSamples:
         ends = [one.readout.full_scale for one in self.sensor.axes]
         self._ends = np.array([inf if end is None else end * (1 + _ROUNDING) for end in ends])
         self._zeros = np.array([one.readout.offset for one in self.sensor.axes])
-        self._decoder = Decoder(layout, mid_stream=True)
+        self._decoder = Decoder(layout, mid_stream=True, time_zero=None)
         self._before = PacketCounts()
         self._pending_rows: _PacketRows | None = None
         self._last = -inf
@@ -178,7 +178,8 @@ class ReceivedSamples:
     def begin_session(self) -> None:
         """Begin to decode anew: of what came in between nothing is known."""
         self._before = self.counts
-        self._decoder = Decoder(self.layout, mid_stream=True)
+        zero = self._decoder.time_zero
+        self._decoder = Decoder(self.layout, mid_stream=True, time_zero=zero)
         if self.offset is None:
             self._pending_rows, self._last, self._least_difference, self._first_arrival = (
                 None,

@@ -6,6 +6,7 @@ thrown away and counted.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -108,11 +109,16 @@ class Decoder:
     mid_stream : bool
         The first byte is not the first of a packet. The first line of a text without a check is
         then left out: cut short, "123.4" is read as "3.4".
+    time_zero : int, float or None
+        The device's raw time at which times begin; None for that of the first packet: float64 has
+        too few digits for times since 1970.
 
     Attributes
     ----------
     counts : PacketCounts
         So far.
+    time_zero : int, float or None
+        As above; None only before the first packet.
     pending : int
         Bytes that may belong to a packet that has not arrived as a whole.
 
@@ -126,8 +132,13 @@ class Decoder:
     2
     """
 
-    def __init__(self, layout: PacketLayout, mid_stream: bool = False):
-        self.layout = layout
+    def __init__(
+        self,
+        layout: PacketLayout,
+        mid_stream: bool = False,
+        time_zero: int | float | None = 0,
+    ):
+        self.layout, self.time_zero = layout, time_zero
         self.counts = PacketCounts()
         self._buffer = b""
         first = layout.frames[0]
@@ -184,6 +195,8 @@ class Decoder:
         mask, good = layout.status_good
         flags |= flag_array(stated & (status & mask != good), Flag.STATUS)
         counter = self._unwrap_column("counter", raw, np.int64, flags)
+        if "time" in raw:
+            raw = {**raw, "time": self._since_zero(raw["time"])}
         ticks = self._unwrap_column("time", raw, np.float64, flags)
         self.counts = replace(
             self.counts,
@@ -195,6 +208,14 @@ class Decoder:
         )
         time = None if ticks is None else ticks * layout.time.size
         return Packets(readings, counter, time, temperature, status, flags)
+
+    def _since_zero(self, raw: NDArray[Any]) -> NDArray[Any]:
+        """Return the raw times less that at which they begin."""
+        whole = raw.astype(np.int64 if raw.dtype.kind in "iu" else np.float64)
+        if self.time_zero is None and whole.size:
+            first = whole[0].item()
+            self.time_zero = first if isfinite(first) else 0
+        return whole - self.time_zero if self.time_zero else whole
 
     def _unwrap_column(
         self, role: str, raw: binary_decoder.Raw, kind: type[Number], flags: NDArray[np.uint8]

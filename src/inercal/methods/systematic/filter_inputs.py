@@ -20,6 +20,7 @@ from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.navigation import ImuModel, bias_name, earth_rate
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import Drift, drift_model
+from inercal.recording import sample_count
 from inercal.sensors import Sensor
 
 EPOCH = 0.2  # s
@@ -77,7 +78,7 @@ class FilterModel:
     @property
     def count(self) -> int:
         """Samples of an epoch."""
-        return max(1, round(EPOCH / self.dt))
+        return max(1, sample_count(EPOCH, self.dt))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.recording import Track
+from inercal.recording import Track, sample_count
 from inercal.sensors import Sensor
 
 Indices = NDArray[np.int64]
@@ -67,7 +67,7 @@ class Segments:
     @property
     def block(self) -> int:
         """Samples in a block of the sensitivities."""
-        return max(1, round(BLOCK_SECONDS / self.dt))
+        return max(1, sample_count(BLOCK_SECONDS, self.dt))
 
     @property
     def turn_labels(self) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from inercal.methods.turntable.small_matrices import (
     write_row,
 )
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
+from inercal.recording import STAMP_ROUNDING
 
 Indices = NDArray[np.int64]
 # Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
@@ -348,7 +349,10 @@ def are_similar_steps(step: float, other: float) -> bool:
 
 
 def epoch_indices(time: Array, period: float, last: float) -> Indices:
-    """Return the samples at which an epoch is due: a period or more after the one before."""
+    """Return the samples at which an epoch is due: a period or more after the one before.
+
+    A period that is short by the rounding of stamps counts as whole.
+    """
     return epoch_indices_in_holds(time, np.zeros(time.size, np.int64), period, last, 0)
 
 
@@ -357,7 +361,7 @@ def epoch_indices_in_holds(
 ) -> Indices:
     """Do the same within holds: the first sample of each, then every period."""
     found = np.empty(time.size, np.int64)
-    return found[: _write_epochs(time, hold, period, last, number, found)]
+    return found[: _write_epochs(time, hold, period - STAMP_ROUNDING, last, number, found)]
 
 
 @kernel

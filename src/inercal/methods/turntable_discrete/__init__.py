@@ -37,7 +37,7 @@ from inercal.methods.turntable_discrete.mean_motion import (
     time_mean,
 )
 from inercal.plan import Position, Rotation, TableStep
-from inercal.recording import Observations, Track
+from inercal.recording import STAMP_ROUNDING, Observations, Track
 from inercal.sensors import Sensor
 
 _MIN_SAMPLES = 3  # samples of a row
@@ -163,8 +163,8 @@ def _rows_from_readback(
     """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
     means, ways = observations.mean.copy(), list[AxisAngles]()
     for r, step in enumerate(steps):
-        half = observations.duration[r] / 2
-        at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= half * (1 + 1e-9))
+        reach = observations.duration[r] / 2 + STAMP_ROUNDING
+        at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= reach)
         if at.size < _MIN_SAMPLES:
             raise InputError(
                 f"step {step.label}: the recording has {at.size} samples of this step; it needs "

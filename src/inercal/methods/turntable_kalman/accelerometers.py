@@ -174,9 +174,8 @@ class AccelerometerFilter(Filter[VelocityState]):
         """Return as `Filter.advance`."""
         # An epoch waits for the first sample with usable angles; see `GyroFilter.advance`.
         usable = np.where(np.isfinite(track.angle_variance(1.0)), track.hold, -1)
-        period = self.epoch * (1 - 1e-6)
         epochs = strapdown.epoch_indices_in_holds(
-            track.time, usable, period, state.time[1], state.hold[0]
+            track.time, usable, self.epoch, state.time[1], state.hold[0]
         )
         steps, history = self.allocate_steps(epochs.size, wanted)
         nis = _accelerometers.run_accelerometer_filter(

@@ -35,7 +35,7 @@ from inercal.methods.turntable_kalman._readback import (
 )
 from inercal.methods.turntable_kalman.filter import TILT, Filter
 from inercal.methods.turntable_kalman.filtered_track import FilterPiece
-from inercal.recording import Track
+from inercal.recording import STAMP_ROUNDING, Track
 from inercal.sensors import Sensor
 
 _LATENCY_COVERAGE = 4.0  # standard deviations
@@ -194,8 +194,9 @@ class GyroFilter(Filter[AttitudeState]):
         # An epoch waits for the first sample with usable angles, so that pieces of any length have
         # the same epochs.
         usable = np.where(np.isfinite(variance), 0, -1)
-        period = self.epoch * (1 - 1e-6)
-        epochs = strapdown.epoch_indices_in_holds(samples.time, usable, period, after.time[1], 0)
+        epochs = strapdown.epoch_indices_in_holds(
+            samples.time, usable, self.epoch, after.time[1], 0
+        )
         if not self.compare_while_turning:
             epochs = epochs[samples.hold[epochs] >= 0]
         late = self._timing_state_indices
@@ -298,7 +299,7 @@ def _buffer_lengths(
     )
     ahead = _LATENCY_COVERAGE * sd - late
     # The curvature at the time of the readback needs one more sample.
-    lag = ceil(ahead / step - 1e-9) + 1 if sd > 0 or late != 0 else 0
+    lag = ceil((ahead - STAMP_ROUNDING) / step) + 1 if sd > 0 or late != 0 else 0
     span = 2 * _LATENCY_COVERAGE * sd
     if span > _MAX_LATENCY_SPAN:
         raise InputError(

@@ -31,7 +31,7 @@ from inercal.methods.turntable_trajectory import _kernels
 from inercal.motion import Motion
 from inercal.observe import vector_residuals
 from inercal.parameters import Parameter
-from inercal.recording import Track
+from inercal.recording import STAMP_ROUNDING, Track
 
 Indices = NDArray[np.int64]
 _AVERAGING_TIME = 1.0  # s of rest that make one mean
@@ -86,7 +86,7 @@ class RotationRows:
             first = float(track.time[0])
             usable = np.flatnonzero(np.isfinite(track.angle_variance(1.0)))
             epoch_indices = usable[
-                strapdown.epoch_indices(track.time[usable], model.EPOCH_PERIOD * (1 - 1e-6), first)
+                strapdown.epoch_indices(track.time[usable], model.EPOCH_PERIOD, first)
             ]
             epochs = np.concatenate([[0], epoch_indices])
         if epochs.size < 2:
@@ -272,7 +272,8 @@ class StaticRows:
         at = np.flatnonzero(track.hold >= 0)
         first = np.concatenate([[True], np.diff(track.hold[at]) != 0])
         begun = track.time[at][np.maximum.accumulate(np.where(first, np.arange(at.size), 0))]
-        number = np.floor((track.time[at] - begun) / _AVERAGING_TIME + 1e-9)
+        elapsed = track.time[at] - begun + STAMP_ROUNDING
+        number = np.floor(elapsed / _AVERAGING_TIME)
         starts = np.flatnonzero(first | np.concatenate([[True], np.diff(number) != 0]))
         count = np.diff(np.concatenate([starts, [at.size]]))[:, None]
         time, angles, reading = (

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
-from inercal.recording import GAP_FACTOR, Track
+from inercal.recording import GAP_FACTOR, Track, sample_count
 from inercal.sensors import G0, Sensor
 
 MAX_SOUND_COST = 30.0
@@ -95,7 +95,7 @@ class BlockMeans(NamedTuple):
 def block_means(track: Track, sensor: Sensor) -> BlockMeans:
     """Return the means over one trial's track, (n, m) readings, without blocks that have a gap."""
     step = float(np.median(np.diff(track.time)))
-    size = max(round(_BLOCK / step), 1)
+    size = max(sample_count(_BLOCK, step), 1)
     first = np.arange(0, track.time.size - size, size)
     last = first + size
     span = track.time[last] - track.time[first]

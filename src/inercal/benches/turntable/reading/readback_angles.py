@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from math import pi
 
 import numpy as np
@@ -126,10 +127,10 @@ def add_table_angles(
     return RecordingWithAngles(result, remaining, clock)
 
 
-def _read_table_file(run: Source[TurntableData], origin: int | None) -> Recording:
+def _read_table_file(run: Source[TurntableData], origin: Fraction | None) -> Recording:
     """Return the table's file: its axes as channels, in units of their columns.
 
-    Dates are counted from the `origin` of the recording, ns since 1970.
+    Times are counted from the `origin` of the recording.
     """
     data = run.data
     assert data.table_file is not None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.recording import Finding, Recording, Track
+from inercal.recording import Finding, Recording, Track, sample_count
 from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.sensors import G0, Sensor
 
@@ -104,7 +104,7 @@ def require_turning(where: str, track: Track, sensor: Sensor, names: Sequence[st
     if not any(gyros):
         return
     step = float(np.median(np.diff(track.time)))
-    size = max(round(0.2 / step), 2)
+    size = max(sample_count(0.2, step), 2)
     w = track.reading[:, gyros]
     first = np.arange(0, track.time.size - size, size)
     mean = np.add.reduceat(w, first, axis=0)[:-1] / size
@@ -170,7 +170,7 @@ def repeated_readback_finding(track: Track) -> Finding | None:
 def _largest_axis_rate(track: Track) -> Array:
     """Return the fastest axis' speed by readback over half a second about each sample, rad/s."""
     step = float(np.median(np.diff(track.time)))
-    h = max(round(0.25 / step), 1)
+    h = max(sample_count(0.25, step), 1)
     n = track.time.size
     rate = np.zeros(n)
     for start in range(0, n, _BLOCK):

@@ -22,7 +22,7 @@ from inercal.errors import InputError
 from inercal.io.audit import require_accepted
 from inercal.io.rest_norm import audit_rest_norm
 from inercal.plan import Hold, Position
-from inercal.recording import Finding, Mark, Recording, Track
+from inercal.recording import Finding, Mark, Recording, Track, sample_count
 from inercal.section_settings import key_error
 from inercal.segments import observe as averaged
 from inercal.segments.attitudes import INVALID_SAMPLES
@@ -138,7 +138,7 @@ def find_rests(time: Array, reading: Array, sensor: Sensor) -> Indices:
     """
     gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     dt = float(np.median(np.diff(time)))
-    size = max(round(_WINDOW / dt), 1)
+    size = max(sample_count(_WINDOW, dt), 1)
     still = np.ones(time.size, dtype=np.bool_)
     for k in gyros:
         noise = sensor.axes[k].noise.rounded(1 / dt).white / (size * dt) ** 0.5
@@ -146,7 +146,7 @@ def find_rests(time: Array, reading: Array, sensor: Sensor) -> Indices:
         first = np.clip(np.arange(time.size) - size // 2, 0, time.size - size)
         mean = (total[first + size] - total[first]) / size
         still &= np.abs(mean - np.median(reading[:, k])) < max(_MOVING, _SIGMAS * noise)
-    margin, shortest = round(_SETTLING / dt), _SHORTEST / dt
+    margin, shortest = sample_count(_SETTLING, dt), sample_count(_SHORTEST, dt)
     found: list[tuple[int, int]] = []
     for start, stop in true_ranges(still):
         start += margin if start > 0 else 0
