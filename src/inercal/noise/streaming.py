@@ -26,7 +26,7 @@ from inercal.noise.disturbances import (
     find_changes,
 )
 from inercal.noise.expected_periodogram import squared_coefficients
-from inercal.noise.rounding import check_rounding
+from inercal.noise.rounding import check_rounding, rounding_step
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
 from inercal.noise.streamed_means import KEPT_EVERY
 
@@ -81,8 +81,16 @@ class StreamedChannel:
         InputError
             They are rounded too coarsely.
         """
+        return check_rounding([self._samples()], channel, source)
+
+    def rounding_step(self) -> float:
+        """Return the step to which the readings are rounded; 0 where none is seen."""
+        return rounding_step(self._samples())
+
+    def _samples(self) -> Array:
+        """Return samples, 2¹⁷ of a long series."""
         kept = LONGEST if self._segments else self._filled
-        return check_rounding([self._segment[:kept] + self.origin], channel, source)
+        return self._segment[:kept] + self.origin
 
     @property
     def mean(self) -> float:
