@@ -7,6 +7,8 @@ from inercal.noise.output_filter import OutputFilter
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
+FILTER_HEADS = ("channel", "shape", "cut-off, Hz", "U (k = 2)", "power at half the rate",
+                "gain of the criterion")  # fmt: skip
 _HALF_POWER = 0.5  # at the cut-off
 _HALF_RATE = 0.5  # f Δ
 
@@ -26,6 +28,20 @@ def filter_remarks(channel: ChannelNoise) -> list[str]:
         f"the sensor's own low-pass filter ({filter_words(channel.output)}) lies below half the "
         "rate: N is its plateau, that of the samples"
     ]
+
+
+def filter_rows(channel: ChannelNoise) -> list[tuple[str, ...]]:
+    """Return the row of a channel in a table with `FILTER_HEADS`; none without a filter."""
+    output = channel.output
+    if output is None:
+        return []
+    cutoff = ("", "")
+    if output.shape.has_cutoff:
+        cutoff = format_value_and_uncertainty(output.cutoff, COVERAGE * output.u)
+    return [
+        (channel.channel, output.shape.like, *cutoff, f"{output.at_half_rate:.2g}",
+         f"{output.gain:.0f}")
+    ]  # fmt: skip
 
 
 def filter_notes(channel: ChannelNoise) -> list[str]:

@@ -35,6 +35,8 @@ _LEAST_FLOOR = 1e-3  # F² over N²: white noise beside a Gauss–Markov process
 _ROUNDING = 1.5  # N² of rounding that is not quite white, over step² Δ/12
 _LONGEST = 10.0  # s, 1/(2π f_c) of a filter
 _LOW_CUTOFF, _WHITE_BESIDE_MARKOV = 2e-2, 0.1  # f_c Δ; N² over 2σ²T of a process behind it
+_JUDGED = 0.1  # of the cut-off, from which a filter's fit is judged
+_AVERAGE_CUTOFF = 0.2  # f_c Δ of averages, for this
 _ABOVE_CROSSING = 5.0  # times the frequency at which flicker and white noise are equal
 _FALLEN = 0.8  # power of the upper half of the frequencies over that below, behind a filter
 _UPPER, _BELOW = (0.5, 1.0), (0.25, 0.5)  # of the highest frequency
@@ -120,7 +122,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     if not all("N" in symbols for symbols in candidates):
         return _solve(one, make_bins(one.spectra, one.dt), candidates)
     rounding = rounding_noise(one.step, one.dt)
-    fine = make_bins(one.spectra, one.dt, fine=True)
+    fine = make_bins(one.spectra, one.dt, fine=True).without_leakage()
     search = find_filter(fine, BEFORE_FILTER, rounding)
     suspected = search is not None and search.is_better
     if search is not None and suspected and search.best.is_possible:
@@ -133,8 +135,9 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     plain = _solve(one, make_bins(one.spectra, one.dt), candidates)
     if _describes(one, plain):
         return _refused_without_white(plain, rounding)
-    suspected = suspected or _is_contradictory(plain)
-    if one.disturbances or not suspected or not _falls(fine, rounding):
+    contradictory = _is_contradictory(plain)
+    suspected = contradictory or (suspected and not one.disturbances)
+    if not suspected or not (contradictory or _falls(fine, rounding)):
         return plain  # a vibration, a disturbance: the judgement of the fit names its band
     band = band_below(fine, BEFORE_FILTER)
     if band is not None and _describes(one, found := _solve(one, band, candidates)):
@@ -147,12 +150,21 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
 
 
 def _describes(one: ChannelSummary, model: NoiseModel) -> bool:
-    """Return whether a model passes the test of fit; terms that were asked for may be too few."""
+    """Return whether a model passes the test of fit where it matters to what is decided.
+
+    Of a filter these are the frequencies from a tenth of its cut-off: whether drift has the terms
+    that are fitted says nothing of it. Of a band the averaging times are not judged, which hold the
+    frequencies above. Terms that were asked for may be too few.
+    """
     bins, fit = model.bins, model.selection.fit
     if model.selection.is_asked:
         fit = fit_terms(bins, BEFORE_FILTER)
     judged = judge_fit(bins, fit, one.octaves)
-    if bins.limit < np.inf:  # short averaging times hold the frequencies above
+    output = bins.output
+    if output is not None:
+        cutoff = output.cutoff if output.shape.has_cutoff else _AVERAGE_CUTOFF / output.dt
+        return all(decade.fits for decade in judged.decades if decade.high > _JUDGED * cutoff)
+    if bins.limit < np.inf:
         return all(decade.fits for decade in judged.decades)
     return judged.fits
 
@@ -180,6 +192,7 @@ def like_selection(
     """
     bins = make_bins(spectra, dt, fine=like.fine)
     if like.output is not None:
+        bins = bins.without_leakage()
         search = find_filter(bins, BEFORE_FILTER, rounding_noise(step, dt))
         if search is not None and search.is_better:
             bins = apply_filter(bins, BEFORE_FILTER, search)

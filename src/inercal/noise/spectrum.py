@@ -22,6 +22,7 @@ LONGEST = 1 << 17  # values in one transform
 SHORTEST_PIECE = 16
 _SINGLE = 64  # coefficients that are bins of their own
 _LOGARITHMIC = 160  # bins above
+_LEAKAGE, _STRONGEST = 1e-8, 0.9  # of the level that a tenth of the bins exceed
 _FINE = 300  # bins in a band at least, where a filter bends the spectrum
 _TIMES = 24  # of a Gauss–Markov process
 _BLOCK_SHARE = 0.1  # of the block means' frequencies that are used, where segments follow
@@ -155,9 +156,8 @@ class Bins:
             high.append(edges[1:])
         return np.concatenate(low)[self.used], np.concatenate(high)[self.used]
 
-    def below(self, frequency: float) -> "Bins":
-        """Return the bins whose mean frequency is below one, Hz, without a filter."""
-        chosen = self.frequency < frequency
+    def take(self, chosen: NDArray[np.bool_]) -> "Bins":
+        """Return the chosen bins, without a filter."""
         used = self.used.copy()
         used[np.flatnonzero(self.used)[~chosen]] = False
         return replace(
@@ -167,15 +167,26 @@ class Bins:
             frequency=self.frequency[chosen],
             used=used,
             effect=None,
-            limit=frequency,
         )
+
+    def below(self, frequency: float) -> "Bins":
+        """Return the bins whose mean frequency is below one, Hz, without a filter."""
+        return replace(self.take(self.frequency < frequency), limit=frequency)
+
+    def without_leakage(self) -> "Bins":
+        """Return the bins that no leakage of the strongest frequencies covers.
+
+        The transform of a series that ends elsewhere than it begins leaks, by some 10⁻¹² of the
+        power, which shows in the upper skirt of a filter.
+        """
+        level = self.power / self.basis("N")
+        return self.take(level > _LEAKAGE * np.quantile(level, _STRONGEST))
 
     def remade(self, spectra: Sequence[Spectrum]) -> "Bins":
         """Return the like bins of other spectra of the same recording."""
         bins = make_bins(spectra, self.dt, fine=self.fine)
-        if self.limit < np.inf:
-            bins = bins.below(self.limit)
-        return replace(bins, effect=self.effect)
+        like = bins.take(self.used[np.flatnonzero(bins.used)])
+        return replace(like, effect=self.effect, limit=self.limit)
 
     @cached_property
     def times(self) -> Array:

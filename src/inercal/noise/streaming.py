@@ -24,6 +24,7 @@ from inercal.noise.disturbances import (
     bursts_of_windows,
     clipping_level,
     find_changes,
+    samples_per_degree,
 )
 from inercal.noise.expected_periodogram import squared_coefficients
 from inercal.noise.rounding import check_rounding, rounding_step
@@ -184,7 +185,9 @@ class StreamedChannel:
         self._sum_differences()
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
         halves = np.concatenate(self._half_sums)
-        bursts = bursts_of_windows(halves, self._half, self.dt)
+        bursts = bursts_of_windows(
+            halves, self._half, self.dt, samples_per_degree(self._samples())
+        )
         changes = find_changes(means, self.dt * KEPT_EVERY)
         apart = [
             one
