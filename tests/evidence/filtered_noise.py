@@ -64,10 +64,10 @@ TABLES = {"filters": ROWS, "unfiltered": OTHERS, "hard": HARD}
 
 def analyse(truth: FilteredTruth, seed: int) -> ChannelNoise:
     y = readings(truth, seed)
-    time = truth.dt * np.arange(y.size)
-    return inercal.analyse_noise(
-        Recording(time, y[:, None], ("gx",), ("°/s",)), kinds=()
-    ).channels[0]
+    time = truth.dt * np.arange(float(y.size))
+    return inercal.analyse_noise(Recording(time, y[:, None], ("gx",), ("°/s",)), kinds=()).channels[
+        0
+    ]
 
 
 def row(task: tuple[str, str, int]) -> dict[str, Any]:
@@ -169,10 +169,10 @@ def page(found: dict[str, Any]) -> str:
         "",
         "Written by `python -m tests.evidence.filtered_noise`; do not edit. Recordings are made by",
         "`tests/noise/filtered_generator.py`, which knows nothing of inercal: gyros of 0.3 °/√h,",
-        f"100 Hz where no rate is stated, 30 min, {found['runs']} recordings a row. Rows \"B, K\" have",
-        "10 °/h, 1 °/h/√s and readings in steps of 0.0076 °/s, too. N is compared with that of the",
-        "readings, which holds their rounding. Covered is the share within ±2u, or within the",
-        "interval by profile likelihood.",
+        f"100 Hz where no rate is stated, 30 min, {found['runs']} recordings a row. Rows with B, K",
+        "have 10 °/h, 1 °/h/√s and readings in steps of 0.0076 °/s, too. N is compared with that",
+        "of the readings, which holds their rounding. Covered is the share within ±2u, or within",
+        "the interval by profile likelihood.",
         "",
         "## Filters",
         "",
@@ -184,14 +184,15 @@ def page(found: dict[str, Any]) -> str:
         cut = ", ".join(_number(one, "cutoff", key) for key in ("median", "sd", "u"))
         b = ", ".join(_number(one, "B", key) for key in ("median", "rms"))
         lines.append(
-            f"| {name} | {one['right']:.3f} | {cut.strip(', ')} | {_number(one, 'cutoff', 'covered')} "
+            f"| {name} | {one['right']:.3f} | {cut.strip(', ')} "
+            f"| {_number(one, 'cutoff', 'covered')} "
             f"| {_number(one, 'N', 'rms')} | {_number(one, 'N', 'covered')} "
             f"| {one['B claimed']:.3f} | {b.strip(', ')} | {_number(one, 'B', 'covered')} "
             f"| {_number(one, 'K covered')} |"
         )
     lines += ["", "## Sensors without a filter", "",
-              "A Gauss–Markov process has the spectrum of white noise behind one pole; beside four "
-              "times less white noise it is told apart.", "",
+              "A Gauss–Markov process has the spectrum of white noise behind one pole; beside white "
+              "noise of a fourth of its plateau it is told apart.", "",
               "| truth | called a filter | refused | N: median, rms | covered |",
               "|---|---|---|---|---|"]  # fmt: skip
     for name, one in found["unfiltered"].items():

@@ -1,4 +1,8 @@
 """Sensor noise behind low-pass filters and rounding, apart from inercal."""
+# SciPy's stubs are partial.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
+# pyright: reportReturnType=false, reportGeneralTypeIssues=false, reportAssignmentType=false
+# pyright: reportOptionalIterable=false
 
 from dataclasses import dataclass
 

@@ -152,7 +152,7 @@ def run(
     if register is not None:
         require_stated(analysis)
     compared = () if sheet is None else compare_with_sheet(analysis, sheet)
-    files = targets.write(recording.stem, sensor_noise(analysis)) if targets.are_asked else {}
+    files = targets.write(recording.stem, sensor_noise(analysis)) if targets.are_wanted else {}
     for kind, path in pages.items():
         from inercal.report import write_noise
 

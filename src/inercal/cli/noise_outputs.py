@@ -33,7 +33,7 @@ class NoiseFiles:
     force: bool
 
     @property
-    def are_asked(self) -> bool:
+    def are_wanted(self) -> bool:
         """Whether anything is to be written."""
         return bool(self.to) or self.section is not None
 

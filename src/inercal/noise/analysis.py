@@ -14,6 +14,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.blas_threads import with_one_thread
 from inercal.errors import InputError
+from inercal.noise.channel_model import ChannelSummary, selection_with_filter
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, quantity_of
 from inercal.noise.coefficients import Method
 from inercal.noise.conclusion import conclude
@@ -22,7 +23,6 @@ from inercal.noise.disturbances import Disturbance, find_disturbances
 from inercal.noise.gap_oadev import fits_grid, gap_oadev, join_deviations
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.lines import SpectralLine, take_out_lines
-from inercal.noise.model import ChannelSummary, like_selection
 from inercal.noise.movement import movement
 from inercal.noise.pieces import Part, Pieces, split_at_gaps
 from inercal.noise.quiet_parts import quiet_parts, walk_remark
@@ -207,7 +207,7 @@ def _other_fit(
         except InputError:
             return None
     spectra, _ = _spectra(parts, dt, wanted.skipped_bands)
-    return like_selection(spectra, dt, wanted.candidates, like, step).fit
+    return selection_with_filter(spectra, dt, wanted.candidates, like, step).fit
 
 
 def _low_values(parts: Sequence[Part], spectra: tuple[Spectrum, ...], dt: float) -> Array | None:

@@ -18,7 +18,7 @@ from inercal.noise.likelihood import (
     fit_terms,
     profile_limits,
 )
-from inercal.noise.selection import Selection, Significance, at_edge, significance_limit
+from inercal.noise.selection import Selection, Significance, is_time_limit, significance_limit
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
@@ -119,7 +119,7 @@ def _longer(oadev: Deviations, shortest: float) -> Deviations:
 def _time_constant(fit: NoiseFit, bins: Bins) -> NoiseCoefficient:
     """Return T; at an end of the grid of T only a limit is known, and no uncertainty."""
     time, name = fit.markov_time, "time constant"
-    if at_edge(bins, fit):
+    if is_time_limit(bins, fit):
         short = time < float(np.sqrt(bins.times[0] * bins.times[-1]))
         low, high = (0.0, time) if short else (time, np.inf)
         return NoiseCoefficient("T", name, time, np.inf, low, high, "s")
@@ -167,9 +167,7 @@ def _coefficient(
     unit, name = coefficient_unit(symbol, quantity), TERMS[symbol].name
     tested = (0.0, 0.0) if test is None else (test.ratio, test.limit)
     known = value > 0
-    low, high = profile_limits(
-        bins, fit, symbol, PROFILE_TWO_SIDED if known else PROFILE_ONE_SIDED
-    )
+    low, high = profile_limits(bins, fit, symbol, PROFILE_TWO_SIDED if known else PROFILE_ONE_SIDED)
     if not known:
         return NoiseCoefficient(symbol, name, 0.0, np.inf, 0.0, high, unit, *tested)
     if symbol == "N" and (spread := 2 * _white_spread(bins) * value):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from inercal.noise.channel_model import ChannelSummary, find_model
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient
 from inercal.noise.coefficients import (
     Method,
@@ -15,7 +16,6 @@ from inercal.noise.cross_checks import Estimates
 from inercal.noise.filter_search import settled_filter
 from inercal.noise.goodness import judge_fit
 from inercal.noise.likelihood import extended
-from inercal.noise.model import ChannelSummary, find_model
 from inercal.noise.spectrum import make_bins
 
 
@@ -31,9 +31,7 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
     """
     model = find_model(one, candidates)
     selection, bins = model.selection, model.bins
-    used, why = possible_method(
-        method, one.longest, single=one.low_values is not None, bins=bins
-    )
+    used, why = possible_method(method, one.longest, single=one.low_values is not None, bins=bins)
     coefficients: tuple[NoiseCoefficient, ...] = ()
     comparison: dict[str, Estimates] = {}
     remarks: list[str] = []

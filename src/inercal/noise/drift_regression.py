@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.noise.expected_periodogram import expected_periodogram
-from inercal.noise.likelihood import NoiseFit, refit
+from inercal.noise.likelihood import NoiseFit, fit_again
 from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum
@@ -120,14 +120,14 @@ def fit_drift(
     for _ in range(_ROUNDS):
         beta, covariance, leverage = _generalised(c, x, _model(selection.fit, low, bins), low.kept)
         bins = _residual_bins(c, x, beta, spectra, bins, leverage)
-        selection = replace(selection, fit=refit(bins, selection.fit))
+        selection = replace(selection, fit=fit_again(bins, selection.fit))
     final = select_terms(bins, candidates)
     plain = _residual_bins(c, x, beta, spectra, bins)
     sd = np.sqrt(np.diag(covariance))
     terms = tuple(
         DriftTerm(*one) for one in zip(names, map(float, beta), map(float, sd), strict=True)
     )
-    return DriftFit(final, bins, terms, refit(plain, final.fit).loss)
+    return DriftFit(final, bins, terms, fit_again(plain, final.fit).loss)
 
 
 def _residual_bins(
@@ -141,7 +141,7 @@ def _residual_bins(
     power = (c - x @ beta) ** 2
     if leverage is not None:
         power = power + leverage
-    return bins.remade((replace(spectra[0], power=power), *spectra[1:]))
+    return bins.bins_of((replace(spectra[0], power=power), *spectra[1:]))
 
 
 def find_drift(

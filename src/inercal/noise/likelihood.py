@@ -223,7 +223,7 @@ def extended(fit: NoiseFit, bins: Bins) -> NoiseFit:
     return replace(fit, model=basis_matrix(bins, fit.symbols, fit.markov_time) @ fit.variances)
 
 
-def refit(bins: Bins, fit: NoiseFit) -> NoiseFit:
+def fit_again(bins: Bins, fit: NoiseFit) -> NoiseFit:
     """Return a fit with the same terms and T to other bins, without its covariance anew."""
     basis = basis_matrix(bins, fit.symbols, fit.markov_time)
     tail = np.zeros(0) if bins.effect is None else bins.effect.start

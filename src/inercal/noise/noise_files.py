@@ -213,6 +213,8 @@ def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
         lines += [
             f"{field}_covariance: [{x:.6e}, 0, 0, 0, {y:.6e}, 0, 0, 0, {z:.6e}]",
             f"{prefix}_noise_density: {white:.6e}",
-            f"{prefix}_random_walk: {walk:.6e}  # {why}" if walk else f"# {prefix}_random_walk: {why}",
+            f"{prefix}_random_walk: {walk:.6e}  # {why}"
+            if walk
+            else f"# {prefix}_random_walk: {why}",
         ]
     return "\n".join([*lines, ""])

@@ -177,7 +177,7 @@ def filtered_avar(
     whole = TERMS[symbol].avar(tau, dt, markov_time)
     if output is None or symbol == "Q":  # the rounding of increments is made behind the filter
         return whole
-    f = (np.arange(_GRID) + 0.5) / (2 * _GRID * dt)
+    f = (np.arange(_GRID, dtype=np.float64) + 0.5) / (2 * _GRID * dt)
     taken = (1 - output.power(f)) * TERMS[symbol].psd(f, dt, markov_time)
     m = np.asarray(tau)[:, None] / dt
     wave = np.where(m <= _EXACT_UP_TO, np.sin(np.pi * f * dt * m) ** 4, 3 / 8)
@@ -196,7 +196,9 @@ def filtered_model_avar(
     tau = np.asarray(tau)
     if output is None:
         return model_avar(variances, tau, dt, markov_time)
-    total = output.floor * (TERMS["N"].avar(tau, dt, 1.0) - filtered_avar("N", tau, dt, 1.0, output))
+    total = output.floor * (
+        TERMS["N"].avar(tau, dt, 1.0) - filtered_avar("N", tau, dt, 1.0, output)
+    )
     for symbol, variance in variances.items():
         total = total + variance * filtered_avar(symbol, tau, dt, markov_time, output)
     return total

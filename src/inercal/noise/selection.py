@@ -110,7 +110,7 @@ def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selectio
     names = tuple(candidates)
     fits = [fit_terms(bins, one) for one in names]
     if names == CANDIDATES:
-        fits = [one for one in fits if not at_edge(bins, one)]
+        fits = [one for one in fits if not is_time_limit(bins, one)]
         if bins.output is None:  # behind a filter the floor of the read-out is in its place
             fits += _with_quantisation(bins, fits)
     best = min(fits, key=lambda one: one.aic)
@@ -122,7 +122,7 @@ def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selectio
     return Selection(best, tuple(rivals), significance, len(names) == 1)
 
 
-def at_edge(bins: Bins, fit: NoiseFit) -> bool:
+def is_time_limit(bins: Bins, fit: NoiseFit) -> bool:
     """Return whether T lies at an end of those that are tried: white noise, or a random walk."""
     if "G" not in fit.symbols:
         return False

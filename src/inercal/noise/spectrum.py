@@ -65,8 +65,10 @@ def bin_edges(first: int, last: int, *, fine: bool = False) -> tuple[int, ...]:
     single = np.arange(first, min(max(_SINGLE, first), last))
     edges = np.geomspace(max(_SINGLE, first), max(last, _SINGLE + 1), _LOGARITHMIC + 1)
     if fine and (wide := np.flatnonzero(np.diff(edges) > last / _FINE)).size:
-        start = edges[wide[0]]
-        edges = np.concatenate([edges[edges < start], np.arange(start, last, last / _FINE)])
+        start = float(edges[wide[0]])
+        edges = np.concatenate(
+            [edges[edges < start], np.arange(start, float(last), last / _FINE, dtype=np.float64)]
+        )
     edges = np.unique(np.round(edges).astype(np.int64))
     return tuple(int(k) for k in (*single, *edges[edges < last], last) if k <= last)
 
@@ -173,7 +175,7 @@ class Bins:
         """Return the bins whose mean frequency is below one, Hz, without a filter."""
         return replace(self.take(self.frequency < frequency), limit=frequency)
 
-    def without_leakage(self) -> "Bins":
+    def strong_bins(self) -> "Bins":
         """Return the bins that no leakage of the strongest frequencies covers.
 
         The transform of a series that ends elsewhere than it begins leaks, by some 10⁻¹² of the
@@ -182,7 +184,7 @@ class Bins:
         level = self.power / self.basis("N")
         return self.take(level > _LEAKAGE * np.quantile(level, _STRONGEST))
 
-    def remade(self, spectra: Sequence[Spectrum]) -> "Bins":
+    def bins_of(self, spectra: Sequence[Spectrum]) -> "Bins":
         """Return the like bins of other spectra of the same recording."""
         bins = make_bins(spectra, self.dt, fine=self.fine)
         like = bins.take(self.used[np.flatnonzero(bins.used)])
@@ -222,9 +224,7 @@ class Bins:
     def basis(self, symbol: str, markov_time: float = 1.0) -> Array:
         """Return E of each bin for a term with a coefficient of 1, (b,)."""
         parts = [
-            binned_basis(
-                symbol, one.n, one.dt, one.first, one.last, markov_time, fine=self.fine
-            )
+            binned_basis(symbol, one.n, one.dt, one.first, one.last, markov_time, fine=self.fine)
             for one in self.spectra
         ]
         expected = np.concatenate(parts)[self.used]

@@ -12,11 +12,11 @@ from inercal.arrays import Array
 from inercal.blas_threads import with_one_thread
 from inercal.errors import InputError
 from inercal.noise.analysis import candidate_models
+from inercal.noise.channel_model import ChannelSummary
 from inercal.noise.channel_noise import NoiseAnalysis, Quantity, quantity_of
 from inercal.noise.conclusion import conclude
 from inercal.noise.gap_oadev import join_deviations
 from inercal.noise.lines import take_out_lines
-from inercal.noise.model import ChannelSummary
 from inercal.noise.pieces import FEWEST
 from inercal.noise.spectrum import Band, remove_band
 from inercal.noise.streamed_means import StreamedMeans

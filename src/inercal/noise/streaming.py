@@ -185,9 +185,7 @@ class StreamedChannel:
         self._sum_differences()
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
         halves = np.concatenate(self._half_sums)
-        bursts = bursts_of_windows(
-            halves, self._half, self.dt, samples_per_degree(self._samples())
-        )
+        bursts = bursts_of_windows(halves, self._half, self.dt, samples_per_degree(self._samples()))
         changes = find_changes(means, self.dt * KEPT_EVERY)
         apart = [
             one

@@ -58,9 +58,7 @@ def deviation_figure(channel: ChannelNoise) -> Markup:
         avar = filtered_avar(symbol, tau, channel.dt, fit.markov_time, channel.output)
         term = np.sqrt(variance * avar) / size
         left.plot(tau, term, color=_COLOURS[symbol], ls=_DASHES[symbol], lw=0.9, label=symbol)
-    total = filtered_model_avar(
-        fit.as_variances, tau, channel.dt, fit.markov_time, channel.output
-    )
+    total = filtered_model_avar(fit.as_variances, tau, channel.dt, fit.markov_time, channel.output)
     left.plot(tau, np.sqrt(total) / size, color=INK, lw=0.9, label="sum")
     shown = np.concatenate([table.low, table.high]) / size
     left.set_ylim(0.4 * shown.min(), 2 * shown.max())

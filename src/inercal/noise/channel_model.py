@@ -122,7 +122,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     if not all("N" in symbols for symbols in candidates):
         return _solve(one, make_bins(one.spectra, one.dt), candidates)
     rounding = rounding_noise(one.step, one.dt)
-    fine = make_bins(one.spectra, one.dt, fine=True).without_leakage()
+    fine = make_bins(one.spectra, one.dt, fine=True).strong_bins()
     search = find_filter(fine, BEFORE_FILTER, rounding)
     suspected = search is not None and search.is_better
     if search is not None and suspected and search.best.is_possible:
@@ -174,7 +174,7 @@ def rounding_noise(step: float, dt: float) -> float:
     return step**2 * dt / 12
 
 
-def like_selection(
+def selection_with_filter(
     spectra: tuple[Spectrum, ...], dt: float, candidates: tuple[str, ...], like: Bins, step: float
 ) -> Selection:
     """Return the terms of other parts of a recording, with a filter or a band like the whole's.
@@ -192,7 +192,7 @@ def like_selection(
     """
     bins = make_bins(spectra, dt, fine=like.fine)
     if like.output is not None:
-        bins = bins.without_leakage()
+        bins = bins.strong_bins()
         search = find_filter(bins, BEFORE_FILTER, rounding_noise(step, dt))
         if search is not None and search.is_better:
             bins = apply_filter(bins, BEFORE_FILTER, search)
@@ -265,7 +265,9 @@ def _is_contradictory(model: NoiseModel) -> bool:
     """Return whether N is far below the density of all samples, beside a significant B or K."""
     bins, found = model.bins, model.selection
     density = float(bins.weight @ bins.power / bins.weight.sum()) * bins.dt
-    sure = any(one in found.significance and found.significance[one].is_significant for one in "BKG")
+    sure = any(
+        one in found.significance and found.significance[one].is_significant for one in "BKG"
+    )
     return sure and found.fit.variance("N") < _LEAST_WHITE**2 * density
 
 
