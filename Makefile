@@ -76,6 +76,7 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.noise_coverage
 	$(BIN)/python -m tests.evidence.repeatability
 	$(BIN)/python -m tests.evidence.sensor_noise
+	$(BIN)/python -m tests.evidence.filtered_noise
 	$(BIN)/python -m tests.evidence.temperature_table
 	$(BIN)/python -m tests.evidence.control
 	$(BIN)/python -m tests.evidence.systematic

@@ -148,10 +148,12 @@ def run(
                 gravity=_gravity(recording),
             )
     from inercal.noise.data_sheet_comparison import compare_with_sheet
-    from inercal.noise.sensor_noise import sensor_noise
+    from inercal.noise.sensor_noise import require_stated, sensor_noise
 
+    if register is not None:
+        require_stated(analysis)
     compared = () if sheet is None else compare_with_sheet(analysis, sheet)
-    files = targets.write(recording.stem, sensor_noise(analysis))
+    files = targets.write(recording.stem, sensor_noise(analysis)) if targets.are_wanted else {}
     for kind, path in pages.items():
         from inercal.report import write_noise
 

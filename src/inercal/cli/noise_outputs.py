@@ -32,6 +32,11 @@ class NoiseFiles:
     out: Path
     force: bool
 
+    @property
+    def are_wanted(self) -> bool:
+        """Whether anything is to be written."""
+        return bool(self.to) or self.section is not None
+
     def _texts(self, stem: str) -> dict[str, Path]:
         return {one: self.out / f"{stem}.{one}.yaml" for one in self.to}
 
@@ -78,11 +83,13 @@ class NoiseFiles:
 def _merged_run_file(noise: "SensorNoise", path: Path) -> str:
     """Return the text of a run file with the noise in its sections."""
     from inercal.errors import InputError
-    from inercal.noise.noise_files import merge_sections, run_file_sections
+    from inercal.noise.noise_files import NOISE_KEYS, merge_sections, run_file_sections
     from inercal.small_files import parse_toml
 
     text = path.read_text(encoding="utf-8") if path.exists() else ""
-    merged = merge_sections(text, run_file_sections(noise))
+    # A data sheet states some of the keys; an analysis replaces what another found.
+    replaced = () if noise.is_data_sheet else NOISE_KEYS
+    merged = merge_sections(text, run_file_sections(noise), replaced)
     try:
         parse_toml(merged, "run file")
     except InputError as error:

@@ -14,9 +14,10 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.blas_threads import with_one_thread
 from inercal.errors import InputError
+from inercal.noise.channel_model import ChannelSummary, selection_with_filter
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, quantity_of
 from inercal.noise.coefficients import Method
-from inercal.noise.conclusion import ChannelSummary, conclude
+from inercal.noise.conclusion import conclude
 from inercal.noise.deviations import Deviations, Spacing, deviations
 from inercal.noise.disturbances import Disturbance, find_disturbances
 from inercal.noise.gap_oadev import fits_grid, gap_oadev, join_deviations
@@ -26,13 +27,13 @@ from inercal.noise.movement import movement
 from inercal.noise.pieces import Part, Pieces, split_at_gaps
 from inercal.noise.quiet_parts import quiet_parts, walk_remark
 from inercal.noise.rest_units import check_rest_units
-from inercal.noise.rounding import check_rounding
-from inercal.noise.selection import CANDIDATES, select_terms
+from inercal.noise.rounding import check_rounding, rounding_step
+from inercal.noise.selection import CANDIDATES
 from inercal.noise.spectrum import (
     Band,
+    Bins,
     Spectrum,
     block_means,
-    make_bins,
     piece_spectra,
     remove_band,
 )
@@ -184,17 +185,23 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         remarks=tuple(remarks),
         low_values=_low_values(parts, spectra, pieces.dt),
         regressors=_regressors(parts[0].temperature, spectra, pieces.dt) if len(parts) == 1 else {},
+        step=rounding_step(max(every, key=len).values),
     )
     channel = conclude(summary, wanted.candidates, wanted.method)
-    if not found:
+    if not found or channel.refusal is not None:
         return channel
-    other = _other_fit(every, found, pieces.dt, wanted)
+    other = _other_fit(every, found, pieces.dt, wanted, channel.bins, summary.step)
     text = walk_remark(channel, other, kept=wanted.keep_disturbed)
     return replace(channel, remarks=(*channel.remarks, text))
 
 
 def _other_fit(
-    every: Sequence[Part], found: Sequence[Disturbance], dt: float, wanted: AnalysisOptions
+    every: Sequence[Part],
+    found: Sequence[Disturbance],
+    dt: float,
+    wanted: AnalysisOptions,
+    like: Bins,
+    step: float,
 ) -> NoiseFit | None:
     """Return the fit without the disturbed times where they are kept, else that with them.
 
@@ -207,7 +214,7 @@ def _other_fit(
         except InputError:
             return None
     spectra, _ = _spectra(parts, dt, wanted.skipped_bands)
-    return select_terms(make_bins(spectra, dt), wanted.candidates).fit
+    return selection_with_filter(spectra, dt, wanted.candidates, like, step).fit
 
 
 def _low_values(parts: Sequence[Part], spectra: tuple[Spectrum, ...], dt: float) -> Array | None:

@@ -1,9 +1,10 @@
 """A noise analysis as one object for JSON."""
 
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Any, cast
 
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
+from inercal.noise.output_filter import OutputFilter
 
 
 def analysis_object(analysis: NoiseAnalysis) -> dict[str, Any]:
@@ -30,6 +31,22 @@ def _finite(content: Any) -> Any:
     return content
 
 
+def _filter_object(output: OutputFilter | None) -> dict[str, Any] | None:
+    """Return the sensor's own filter; the cut-off is not a number of an average."""
+    if output is None:
+        return None
+    return {
+        "shape": output.shape.name,
+        "poles": output.shape.poles,
+        "cutoff": output.cutoff,
+        "u": output.u,
+        "power_at_half_rate": output.at_half_rate,
+        "floor": sqrt(output.floor),
+        "known_floor": sqrt(output.known_floor),
+        "criterion_gain": output.gain,
+    }
+
+
 def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
     return {
         "channel": channel.channel,
@@ -47,7 +64,7 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
                 "u": one.u,
                 "low": one.low,
                 "high": one.high,
-                "significant": None if one.symbol == "T" else one.is_significant,
+                "significant": one.is_significant,
                 "likelihood_ratio": one.ratio,
                 "limit": one.limit,
                 "unit": one.unit,
@@ -55,6 +72,11 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
             }
             for one in channel.coefficients
         ],
+        "filter": _filter_object(channel.output),
+        "highest_frequency_used": channel.band,
+        "refused": None
+        if channel.refusal is None
+        else {"symbols": list(channel.refusal.symbols), "cause": channel.refusal.cause},
         "comparison": {
             name: {symbol: {"value": value, "u": u} for symbol, (value, u) in found.items()}
             for name, found in channel.comparison.items()

@@ -1,6 +1,7 @@
 """What a noise analysis found: coefficients, judgement and disturbances of each channel."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 from inercal.errors import InputError
@@ -10,6 +11,7 @@ from inercal.noise.drift_regression import DriftTerm
 from inercal.noise.goodness import Goodness
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.lines import SpectralLine
+from inercal.noise.output_filter import OutputFilter
 from inercal.noise.selection import Selection
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import TERMS
@@ -31,13 +33,16 @@ class NoiseCoefficient:
     value : float
         0 where only an upper limit is known.
     u : float
-        Standard uncertainty; infinite where only an upper limit is known.
+        Standard uncertainty; infinite where only a limit is known.
     low, high : float
         Ends of the interval of ±2u by profile likelihood, or 0 and the upper limit (95 %).
     unit : str
         In which it is printed.
     ratio, limit : float
         2 ΔL to the best model without the term, and its limit; 0 and 0 for N and T.
+    is_open : bool
+        Whether its significance is not judged: a Gauss–Markov process in its place fits better, or
+        it was asked for and is not present by the test.
     """
 
     symbol: str
@@ -49,6 +54,7 @@ class NoiseCoefficient:
     unit: str
     ratio: float = 0.0
     limit: float = 0.0
+    is_open: bool = False
 
     @property
     def is_limit(self) -> bool:
@@ -56,9 +62,13 @@ class NoiseCoefficient:
         return self.value == 0
 
     @property
-    def is_significant(self) -> bool:
-        """Whether the likelihood ratio exceeds its limit."""
-        return self.ratio > self.limit or self.symbol == "N"
+    def is_significant(self) -> bool | None:
+        """Whether the term is; None of T, and where this is open."""
+        if self.symbol == "N":
+            return not self.is_limit
+        if self.symbol == "T" or (not self.is_limit and self.is_open):
+            return None
+        return not self.is_limit and self.ratio > self.limit
 
     @property
     def size(self) -> float:
@@ -72,6 +82,27 @@ def coefficient_unit(symbol: str, quantity: Quantity) -> str:
         return "s"
     term = TERMS[symbol]
     return term.gyro_unit if quantity == "gyro" else term.accelerometer_unit
+
+
+@dataclass(frozen=True)
+class NoiseRefusal:
+    """Why the coefficients of a channel are not stated.
+
+    Parameters
+    ----------
+    symbols : tuple of str
+        Which are not.
+    cause : str
+    """
+
+    symbols: tuple[str, ...]
+    cause: str
+
+    @property
+    def text(self) -> str:
+        """One sentence."""
+        names = f"{', '.join(self.symbols[:-1])} and {self.symbols[-1]}"
+        return f"{names} are not stated: {self.cause}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +135,12 @@ class ChannelNoise:
         Cross-checks, SI.
     method : str
         "likelihood", "gmwm" or "wls_log".
+    output : OutputFilter or None
+        The sensor's own low-pass filter; N is then its plateau.
+    band : float
+        Highest frequency that the fit uses, Hz; infinite where it uses all.
+    refusal : NoiseRefusal or None
+        Then there are no coefficients.
     """
 
     channel: str
@@ -122,6 +159,9 @@ class ChannelNoise:
     remarks: tuple[str, ...]
     comparison: dict[str, dict[str, tuple[float, float]]]
     method: str = "likelihood"
+    output: OutputFilter | None = None
+    band: float = inf
+    refusal: NoiseRefusal | None = None
 
     @property
     def fit(self) -> NoiseFit:
@@ -136,6 +176,13 @@ class ChannelNoise:
     def coefficient(self, symbol: str) -> NoiseCoefficient | None:
         """Return a coefficient by its symbol, or None."""
         return next((one for one in self.coefficients if one.symbol == symbol), None)
+
+    def value_or_limit(self, symbol: str) -> float:
+        """Return a coefficient, or its upper limit where only this is known, SI; 0 without both."""
+        found = self.coefficient(symbol)
+        if found is None:
+            return 0.0
+        return found.high if found.is_limit else found.value
 
     def value(self, symbol: str) -> float:
         """Return a coefficient, SI; 0 where it is not in the model or only limited."""

@@ -1,14 +1,24 @@
 """From a fit to coefficients with their uncertainties, and what a recording cannot determine."""
 
+from dataclasses import replace
+from math import hypot
 from typing import Literal, get_args
 
 import numpy as np
 
+from inercal.noise.band_edge import ADDED_RELATIVE_U
 from inercal.noise.channel_noise import NoiseCoefficient, Quantity, coefficient_unit
 from inercal.noise.cross_checks import Estimates, gmwm, slopes, wls_log
 from inercal.noise.deviations import Deviations
-from inercal.noise.likelihood import PROFILE_ONE_SIDED, PROFILE_TWO_SIDED, profile_limits
-from inercal.noise.selection import Selection
+from inercal.noise.filter_search import settled_filter
+from inercal.noise.likelihood import (
+    PROFILE_ONE_SIDED,
+    PROFILE_TWO_SIDED,
+    NoiseFit,
+    fit_terms,
+    profile_limits,
+)
+from inercal.noise.selection import Selection, Significance, is_time_limit, significance_limit
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
@@ -17,7 +27,9 @@ METHODS: tuple[str, ...] = get_args(Method)
 _GMWM_LONGEST = 1 << 18  # block means, for the covariance of all pairs of averaging times
 
 
-def possible_method(method: Method, n: int, *, single: bool) -> tuple[Method, tuple[str, ...]]:
+def possible_method(
+    method: Method, n: int, *, single: bool, bins: Bins
+) -> tuple[Method, tuple[str, ...]]:
     """Return the method, or the likelihood in place of GMWM that is not possible, and remarks.
 
     Parameters
@@ -27,10 +39,19 @@ def possible_method(method: Method, n: int, *, single: bool) -> tuple[Method, tu
         Samples of the longest piece.
     single : bool
         Whether it is the only piece: GMWM joins none.
+    bins : Bins
+        Of the fit: GMWM knows no filter of the sensor, and all averaging times.
     """
-    if method != "gmwm" or (single and n <= _GMWM_LONGEST):
+    if method != "gmwm":
         return method, ()
-    why = f"{n} samples exceed its {_GMWM_LONGEST}" if single else "the recording has gaps"
+    if bins.output is not None or bins.limit < np.inf:
+        why = "the sensor has a low-pass filter of its own"
+    elif not single:
+        why = "the recording has gaps"
+    elif n > _GMWM_LONGEST:
+        why = f"{n} samples exceed its {_GMWM_LONGEST}"
+    else:
+        return method, ()
     return "likelihood", (f"gmwm is not possible, {why}: the likelihood is reported",)
 
 
@@ -43,6 +64,8 @@ def estimate_coefficients(
     n: int,
 ) -> tuple[tuple[NoiseCoefficient, ...], dict[str, Estimates]]:
     """Return the coefficients by a method, and the estimates of the other methods, SI.
+
+    B and K that are not in the model, or not significant, have their upper limit alone.
 
     Parameters
     ----------
@@ -57,57 +80,100 @@ def estimate_coefficients(
         Block means of the longest piece.
     """
     fit = selection.fit
-    comparison: dict[str, Estimates] = {
-        "likelihood": _likelihood_estimates(selection),
-        "wls_log": wls_log(oadev, fit.symbols, bins.dt, fit.markov_time),
-        "slopes": slopes(oadev),
-    }
+    comparison: dict[str, Estimates] = {"likelihood": _likelihood_estimates(selection, bins)}
+    long = _longer(oadev, 1 / bins.limit)
+    if long.tau.size > len(fit.symbols):
+        comparison["wls_log"] = wls_log(
+            long, fit.symbols, bins.dt, fit.markov_time, settled_filter(bins, fit)
+        )
+        comparison["slopes"] = slopes(long)
     if method == "gmwm":
         comparison["gmwm"] = gmwm(oadev, fit.symbols, bins.dt, fit.markov_time, fit.variances, n)
-    chosen = comparison[method]
+    chosen = comparison.get(method, comparison["likelihood"])
     hidden = hidden_terms(selection, n * bins.dt)
-    found = [
-        _coefficient(symbol, (0.0, np.inf), selection, bins, quantity)
-        if symbol in hidden
-        else _coefficient(symbol, chosen[symbol], selection, bins, quantity)
-        for symbol in fit.symbols
-    ]
+    found: list[NoiseCoefficient] = []
+    for symbol in fit.symbols:
+        test = selection.significance.get(symbol)
+        absent = test is not None and not test.is_present
+        limited = symbol in hidden or (absent and not selection.is_asked)
+        estimate = (0.0, np.inf) if limited else chosen[symbol]
+        is_open = test is not None and (absent or test.is_replaced)
+        found.append(_coefficient(symbol, estimate, fit, bins, quantity, test, is_open=is_open))
+    if "N" in fit.symbols:
+        found += [_absent(one, fit, bins, quantity) for one in "BK" if one not in fit.symbols]
     if "G" in fit.symbols:
-        u = float(np.sqrt(fit.covariance[-1, -1])) * fit.markov_time
-        spread = np.exp(2 * u / fit.markov_time)
-        low, high = fit.markov_time / spread, fit.markov_time * spread
-        found.append(NoiseCoefficient("T", "time constant", fit.markov_time, u, low, high, "s"))
+        found.append(_time_constant(fit, bins))
     return tuple(found), comparison
 
 
-def _likelihood_estimates(selection: Selection) -> Estimates:
+def _longer(oadev: Deviations, shortest: float) -> Deviations:
+    """Return the deviation from an averaging time on, s."""
+    kept = oadev.tau >= shortest
+    arrays = {
+        name: getattr(oadev, name)[kept] for name in ("tau", "value", "low", "high", "edf", "count")
+    }
+    label = tuple(one for one, here in zip(oadev.label, kept, strict=True) if here)
+    return replace(oadev, label=label, **arrays)
+
+
+def _time_constant(fit: NoiseFit, bins: Bins) -> NoiseCoefficient:
+    """Return T; at an end of the grid of T only a limit is known, and no uncertainty."""
+    time, name = fit.markov_time, "time constant"
+    if is_time_limit(bins, fit):
+        short = time < float(np.sqrt(bins.times[0] * bins.times[-1]))
+        low, high = (0.0, time) if short else (time, np.inf)
+        return NoiseCoefficient("T", name, time, np.inf, low, high, "s")
+    u = float(np.sqrt(fit.covariance[-1, -1])) * time
+    spread = np.exp(2 * u / time)
+    return NoiseCoefficient("T", name, time, u, time / spread, time * spread, "s")
+
+
+def _absent(symbol: str, fit: NoiseFit, bins: Bins, quantity: Quantity) -> NoiseCoefficient:
+    """Return the upper limit of a term that is not in the model."""
+    time = fit.markov_time if "G" in fit.symbols else None
+    wider = fit_terms(bins, (*fit.symbols, symbol), time)
+    test = Significance(max(2 * (fit.loss - wider.loss), 0.0), significance_limit(symbol))
+    return _coefficient(symbol, (0.0, np.inf), wider, bins, quantity, test)
+
+
+def _likelihood_estimates(selection: Selection, bins: Bins) -> Estimates:
     fit = selection.fit
     found: Estimates = {}
     for j, symbol in enumerate(fit.symbols):
         value = float(np.sqrt(fit.variances[j]))
         u = float(np.sqrt(fit.covariance[j, j])) / (2 * value) if value > 0 else np.inf
-        found[symbol] = (value, u)
+        found[symbol] = (value, hypot(u, _white_spread(bins) * value) if symbol == "N" else u)
     return found
+
+
+def _white_spread(bins: Bins) -> float:
+    """Return the relative standard deviation of N by the choice of the filter or of the band."""
+    if bins.limit < np.inf:
+        return ADDED_RELATIVE_U
+    return 0.0 if bins.output is None else bins.output.white_spread
 
 
 def _coefficient(
     symbol: str,
     estimate: tuple[float, float],
-    selection: Selection,
+    fit: NoiseFit,
     bins: Bins,
     quantity: Quantity,
+    test: Significance | None,
+    *,
+    is_open: bool = False,
 ) -> NoiseCoefficient:
     value, u = estimate
     unit, name = coefficient_unit(symbol, quantity), TERMS[symbol].name
-    test = selection.significance.get(symbol)
-    ratio, limit = (0.0, 0.0) if test is None else (test.ratio, test.limit)
+    tested = (0.0, 0.0) if test is None else (test.ratio, test.limit)
     known = value > 0
-    low, high = profile_limits(
-        bins, selection.fit, symbol, PROFILE_TWO_SIDED if known else PROFILE_ONE_SIDED
-    )
+    low, high = profile_limits(bins, fit, symbol, PROFILE_TWO_SIDED if known else PROFILE_ONE_SIDED)
     if not known:
-        return NoiseCoefficient(symbol, name, 0.0, np.inf, 0.0, high, unit, ratio, limit)
-    return NoiseCoefficient(symbol, name, value, u, low, high, unit, ratio, limit)
+        return NoiseCoefficient(symbol, name, 0.0, np.inf, 0.0, high, unit, *tested)
+    if symbol == "N" and (spread := 2 * _white_spread(bins) * value):
+        low = max(value - hypot(value - low, spread), 0.0)
+        high = value + hypot(high - value, spread)
+    return NoiseCoefficient(symbol, name, value, u, low, high, unit, *tested, is_open)
 
 
 def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:

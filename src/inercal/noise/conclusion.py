@@ -1,66 +1,22 @@
-"""The noise of a channel from the summary of its samples: fit, drift, goodness."""
+"""The noise of a channel from the summary of its samples: filter, fit, drift, goodness."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
-from inercal.arrays import Array
-from inercal.noise.channel_noise import ChannelNoise, Quantity
+import numpy as np
+
+from inercal.noise.channel_model import ChannelSummary, find_model
+from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient
 from inercal.noise.coefficients import (
     Method,
     estimate_coefficients,
     possible_method,
     undetermined,
 )
-from inercal.noise.deviations import Deviations
-from inercal.noise.disturbances import Disturbance
-from inercal.noise.drift_regression import find_drift
+from inercal.noise.cross_checks import Estimates
+from inercal.noise.filter_search import settled_filter
 from inercal.noise.goodness import judge_fit
-from inercal.noise.lines import SpectralLine
-from inercal.noise.selection import select_terms
-from inercal.noise.spectrum import Spectrum, make_bins
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelSummary:
-    """Spectra, deviations and disturbances of a channel, from which its noise follows, SI.
-
-    Parameters
-    ----------
-    channel : str
-    quantity : "gyro" or "accelerometer"
-    n, longest : int
-        Samples in all pieces, and in the longest.
-    dt : float
-        Δ, s.
-    mean : float
-    spectra : tuple of Spectrum
-        Without lines; those of low frequencies first.
-    lines : tuple of SpectralLine
-    octaves : Deviations
-        Overlapping Allan deviation at octaves, for the estimates.
-    deviations : dict of kind to Deviations
-        To report.
-    disturbances : tuple of Disturbance
-    remarks : tuple of str
-    low_values : (k,) array or None
-        Means whose transform is spectra[0]; None of several pieces.
-    regressors : dict of name to (k,) array
-        Of the drift.
-    """
-
-    channel: str
-    quantity: Quantity
-    n: int
-    longest: int
-    dt: float
-    mean: float
-    spectra: tuple[Spectrum, ...]
-    lines: tuple[SpectralLine, ...]
-    octaves: Deviations
-    deviations: dict[str, Deviations]
-    disturbances: tuple[Disturbance, ...]
-    remarks: tuple[str, ...]
-    low_values: Array | None
-    regressors: dict[str, Array]
+from inercal.noise.likelihood import extended
+from inercal.noise.spectrum import make_bins
 
 
 def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -> ChannelNoise:
@@ -73,19 +29,22 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         Models to choose from.
     method : "likelihood", "gmwm" or "wls_log"
     """
-    bins = make_bins(one.spectra, one.dt)
-    selection = select_terms(bins, candidates)
-    drift = None
-    if one.low_values is not None and one.regressors:
-        drift = find_drift(
-            one.low_values, one.spectra, one.regressors, one.dt, selection, candidates
+    model = find_model(one, candidates)
+    selection, bins = model.selection, model.bins
+    used, why = possible_method(method, one.longest, single=one.low_values is not None, bins=bins)
+    coefficients: tuple[NoiseCoefficient, ...] = ()
+    comparison: dict[str, Estimates] = {}
+    remarks: list[str] = []
+    if model.refusal is None:
+        coefficients, comparison = estimate_coefficients(
+            selection, bins, one.octaves, one.quantity, used, one.longest
         )
-    if drift is not None:
-        selection, bins = drift.selection, drift.bins
-    used, why = possible_method(method, one.longest, single=one.low_values is not None)
-    coefficients, comparison = estimate_coefficients(
-        selection, bins, one.octaves, one.quantity, used, one.longest
-    )
+        remarks = undetermined(selection, bins, one.longest * one.dt)
+    output, band = settled_filter(bins, selection.fit), bins.limit
+    if band < np.inf:
+        # The whole spectrum is judged by what its lower part says.
+        bins = make_bins(one.spectra, one.dt, fine=bins.fine)
+        selection = replace(selection, fit=extended(selection.fit, bins))
     return ChannelNoise(
         one.channel,
         one.quantity,
@@ -99,8 +58,11 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         judge_fit(bins, selection.fit, one.octaves),
         one.lines,
         one.disturbances,
-        () if drift is None else drift.terms,
-        (*one.remarks, *why, *undetermined(selection, bins, one.longest * one.dt)),
+        () if model.drift is None else model.drift.terms,
+        (*one.remarks, *why, *remarks),
         comparison,
         used,
+        output,
+        band,
+        model.refusal,
     )

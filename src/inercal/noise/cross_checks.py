@@ -16,14 +16,21 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.noise.deviations import Deviations
 from inercal.noise.numerics import nonnegative_least_squares, pseudo_inverse
+from inercal.noise.output_filter import OutputFilter, filtered_avar, filtered_model_avar
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
 _ROUNDS = 12
 Estimates = dict[str, tuple[float, float]]
 
 
-def _columns(symbols: Sequence[str], tau: Array, dt: float, markov_time: float) -> Array:
-    return np.stack([TERMS[one].avar(tau, dt, markov_time) for one in symbols], 1)
+def _columns(
+    symbols: Sequence[str],
+    tau: Array,
+    dt: float,
+    markov_time: float,
+    output: OutputFilter | None = None,
+) -> Array:
+    return np.stack([filtered_avar(one, tau, dt, markov_time, output) for one in symbols], 1)
 
 
 def _nonnegative(columns: Array, target: Array, root: Array) -> Array:
@@ -40,7 +47,13 @@ def _as_estimates(symbols: Sequence[str], theta: Array, covariance: Array) -> Es
     }
 
 
-def wls_log(oadev: Deviations, symbols: Sequence[str], dt: float, markov_time: float) -> Estimates:
+def wls_log(
+    oadev: Deviations,
+    symbols: Sequence[str],
+    dt: float,
+    markov_time: float,
+    output: OutputFilter | None = None,
+) -> Estimates:
     """Return coefficients and their u, too small, by weighted least squares of ln σ.
 
     Parameters
@@ -49,9 +62,14 @@ def wls_log(oadev: Deviations, symbols: Sequence[str], dt: float, markov_time: f
     symbols : sequence of str
     dt, markov_time : float
         s.
+    output : OutputFilter, optional
+        The sensor's own filter.
     """
     measured = oadev.value**2
-    columns = _columns(symbols, oadev.tau, dt, markov_time)
+    if output is not None:
+        behind = filtered_model_avar({}, oadev.tau, dt, markov_time, output)
+        measured = np.maximum(measured - behind, 1e-2 * measured)
+    columns = _columns(symbols, oadev.tau, dt, markov_time, output)
     theta = _nonnegative(columns, measured, np.diag(np.sqrt(oadev.edf / 2) / measured))
     model = np.maximum(columns @ theta, 1e-3 * measured)
     for _ in range(_ROUNDS):

@@ -26,6 +26,8 @@ _LARGEST_DIFFERENCE = 20.0  # of the usual square, that counts in a window
 _MEDIAN = 0.67449  # of the absolute value of a normal deviate
 _FEWEST = 8  # averaging times in a recording, below which its scatter is not known
 _MOST_SAMPLES = 1 << 20
+_CORRELATED_SAMPLES, _CORRELATED_LAGS = 1 << 15, 64
+_CORRELATED = 1.2  # times the samples for one degree of white noise, from which others count
 _WHITE_DIFFERENCES = 1.5  # samples for one degree of freedom of the differences of white noise
 
 
@@ -205,13 +207,33 @@ def find_bursts(y: Array, dt: float) -> list[Disturbance]:
     variances, size = window_variances(y, dt)
     step = size // 2
     found: list[Disturbance] = []
-    for first, last, ratio, limit in _loud_windows(variances, size):
+    for first, last, ratio, limit in _loud_windows(variances, size / samples_per_degree(y)):
         start, stop = _extent(y, first * step, (last + 2) * step, size, ratio)
         found.append(_burst(start, stop, dt, ratio, limit))
     return found[:_MOST]
 
 
-def bursts_of_windows(halves: Array, half: int, dt: float) -> list[Disturbance]:
+def samples_per_degree(y: Array) -> float:
+    """Return how many samples make one degree of freedom of the variance of their differences.
+
+    1 + 2 Σ r² of the autocorrelation of the differences: 1.5 of white noise, and more behind a
+    low-pass filter.
+    """
+    d = np.diff(y[:_CORRELATED_SAMPLES])
+    largest = np.sqrt(clipping_level(d**2))
+    d = np.clip(d, -largest, largest)
+    power = float(d @ d)
+    if power == 0:
+        return _WHITE_DIFFERENCES
+    lags = [k for k in range(1, _CORRELATED_LAGS + 1) if 4 * k < d.size]
+    squares = [(float(d[k:] @ d[:-k]) / power) ** 2 - 1 / d.size for k in lags]
+    found = 1 + 2 * float(np.sum(squares))
+    return found if found > _CORRELATED * _WHITE_DIFFERENCES else _WHITE_DIFFERENCES
+
+
+def bursts_of_windows(
+    halves: Array, half: int, dt: float, per_degree: float = _WHITE_DIFFERENCES
+) -> list[Disturbance]:
     """Return the bursts of a channel whose samples are gone, as long as their windows.
 
     Parameters
@@ -221,11 +243,13 @@ def bursts_of_windows(halves: Array, half: int, dt: float) -> list[Disturbance]:
     half : int
     dt : float
         s.
+    per_degree : float
+        See `samples_per_degree`.
     """
     variances = (halves[:-1] + halves[1:]) / (2 * half)
     return [
         _burst(first * half, (last + 2) * half, dt, ratio, limit)
-        for first, last, ratio, limit in _loud_windows(variances, 2 * half)
+        for first, last, ratio, limit in _loud_windows(variances, 2 * half / per_degree)
     ][:_MOST]
 
 
@@ -235,12 +259,11 @@ def _burst(start: int, stop: int, dt: float, ratio: float, limit: float) -> Dist
     )
 
 
-def _loud_windows(variances: Array, size: int) -> list[tuple[int, int, float, float]]:
+def _loud_windows(variances: Array, dof: float) -> list[tuple[int, int, float, float]]:
     """Return first and last of each group of loud windows, its largest ratio, and the limit."""
     median = float(np.median(variances)) if variances.size >= _FEWEST else 0.0
     if median == 0:
         return []
-    dof = size / _WHITE_DIFFERENCES
     centre = chi_squared_above(dof, 0.5) / dof
     limit = chi_squared_above(dof, BURST_LEVEL / variances.size) / dof
     ratio = variances / median * centre

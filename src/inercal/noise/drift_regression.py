@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.noise.likelihood import NoiseFit, basis_matrix, scored_fit
+from inercal.noise.expected_periodogram import expected_periodogram
+from inercal.noise.likelihood import NoiseFit, fit_again
 from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
-from inercal.noise.spectrum import Bins, Spectrum, make_bins
+from inercal.noise.spectrum import Bins, Spectrum
 
 DRIFT_RATIO = 10.83  # of 2 L, by which a regressor enters: 0.1 %
 _ROUNDS = 4
@@ -61,14 +62,16 @@ def _transform(values: Array) -> Array:
     return dct2(values - values.mean(axis=0), axis=0)[1:]
 
 
-def _model(fit: NoiseFit, low: Spectrum) -> Array:
+def _model(fit: NoiseFit, low: Spectrum, bins: Bins) -> Array:
     """Return S of each coefficient of the low frequencies, (n−1,)."""
-    from inercal.noise.expected_periodogram import expected_periodogram
-
     total = np.zeros(low.n - 1)
     for symbol, variance in fit.as_variances.items():
         time = fit.markov_time if symbol == "G" else 1.0
         total += variance * expected_periodogram(symbol, low.n, low.dt, time)
+    if (output := bins.output) is not None:
+        power = output.power(np.arange(1, low.n) / (2 * low.n * low.dt))
+        white = expected_periodogram("N", low.n, low.dt)
+        total = power * total + output.floor * (1 - power) * white
     return total
 
 
@@ -89,7 +92,7 @@ def fit_drift(
     y: Array,
     spectra: tuple[Spectrum, ...],
     regressors: dict[str, Array],
-    dt: float,
+    bins: Bins,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit:
     """Return the fit of terms together with these regressors.
@@ -101,8 +104,8 @@ def fit_drift(
     spectra : tuple of Spectrum
         The low frequencies first.
     regressors : mapping of name to (n,) array
-    dt : float
-        Of the samples, s.
+    bins : Bins
+        Of the spectra, without a drift.
     candidates : tuple of str
         See `inercal.noise.selection.select_terms`.
     """
@@ -111,26 +114,20 @@ def fit_drift(
     x = _transform(np.column_stack([regressors[name] for name in names]))
     c = _transform(y)
     beta = _generalised(c, x, np.ones_like(c), low.kept)[0]
-    bins = _residual_bins(c, x, beta, spectra, dt)
+    bins = _residual_bins(c, x, beta, spectra, bins)
     selection = select_terms(bins, candidates)
     covariance = np.zeros((len(names), len(names)))
     for _ in range(_ROUNDS):
-        beta, covariance, leverage = _generalised(c, x, _model(selection.fit, low), low.kept)
-        bins = _residual_bins(c, x, beta, spectra, dt, leverage)
-        selection = replace(selection, fit=_refit(bins, selection.fit))
+        beta, covariance, leverage = _generalised(c, x, _model(selection.fit, low, bins), low.kept)
+        bins = _residual_bins(c, x, beta, spectra, bins, leverage)
+        selection = replace(selection, fit=fit_again(bins, selection.fit))
     final = select_terms(bins, candidates)
-    plain = _residual_bins(c, x, beta, spectra, dt)
+    plain = _residual_bins(c, x, beta, spectra, bins)
     sd = np.sqrt(np.diag(covariance))
     terms = tuple(
         DriftTerm(*one) for one in zip(names, map(float, beta), map(float, sd), strict=True)
     )
-    return DriftFit(final, bins, terms, _refit(plain, final.fit).loss)
-
-
-def _refit(bins: Bins, fit: NoiseFit) -> NoiseFit:
-    basis = basis_matrix(bins, fit.symbols, fit.markov_time)
-    theta, value = scored_fit(bins.power, bins.weight, basis, start=fit.variances)
-    return replace(fit, variances=theta, loss=value, model=basis @ theta)
+    return DriftFit(final, bins, terms, fit_again(plain, final.fit).loss)
 
 
 def _residual_bins(
@@ -138,20 +135,20 @@ def _residual_bins(
     x: Array,
     beta: Array,
     spectra: tuple[Spectrum, ...],
-    dt: float,
+    bins: Bins,
     leverage: Array | None = None,
 ) -> Bins:
     power = (c - x @ beta) ** 2
     if leverage is not None:
         power = power + leverage
-    return make_bins((replace(spectra[0], power=power), *spectra[1:]), dt)
+    return bins.bins_of((replace(spectra[0], power=power), *spectra[1:]))
 
 
 def find_drift(
     y: Array,
     spectra: tuple[Spectrum, ...],
     regressors: dict[str, Array],
-    dt: float,
+    bins: Bins,
     selection: Selection,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit | None:
@@ -159,7 +156,7 @@ def find_drift(
 
     Parameters
     ----------
-    y, spectra, regressors, dt, candidates
+    y, spectra, regressors, bins, candidates
         As in `fit_drift`.
     selection : Selection
         Without a drift.
@@ -169,7 +166,7 @@ def find_drift(
     least = selection.fit.loss
     while len(taken) < len(regressors):
         trials = {
-            name: fit_drift(y, spectra, {**taken, name: values}, dt, candidates)
+            name: fit_drift(y, spectra, {**taken, name: values}, bins, candidates)
             for name, values in regressors.items()
             if name not in taken
         }

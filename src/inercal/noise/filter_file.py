@@ -41,6 +41,10 @@ def filter_text(noise: SensorNoise, horizon: float) -> str:
     return "\n".join([*lines, ""])
 
 
+def _limited(triad: TriadNoise) -> str:
+    return ": upper limit (95 %)" if "K" in triad.limits else ""
+
+
 def _triad_lines(triad: TriadNoise, unit: str, longest: float) -> list[str]:
     dt = 1 / require_rate(triad)
     white, flicker, walk, markov = (
@@ -48,8 +52,12 @@ def _triad_lines(triad: TriadNoise, unit: str, longest: float) -> list[str]:
     )
     lines = [
         f"  step: {dt:.9g}  # s",
-        f"  white_variance: {white**2 * dt:.6e}  # N² Δ, ({unit})² s²",
-        f"  walk_variance: {walk**2 * dt:.6e}  # K² Δ, ({unit})²",
+        f"  white_variance: {white**2 * dt:.6e}  # N² Δ, ({unit})² s²"
+        if white
+        else "  # white_variance: no white noise is stated",
+        f"  walk_variance: {walk**2 * dt:.6e}  # K² Δ, ({unit})²{_limited(triad)}"
+        if walk
+        else "  # walk_variance: no random walk is stated",
     ]
     states: list[tuple[str, float, float]] = []
     if markov:

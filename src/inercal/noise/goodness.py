@@ -16,6 +16,7 @@ from inercal.arrays import Array
 from inercal.noise.deviations import Deviations
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.numerics import normal_deviate
+from inercal.noise.output_filter import filtered_model_avar
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import model_avar
 
@@ -23,6 +24,7 @@ _LARGEST = 1.5  # mean square of a decade
 _QUANTILE = 3.5  # standard deviations of a decade's mean square
 _OUTSIDE = 0.2  # share of averaging times outside the band
 _IN_BAND = 2.0  # residual of the bins beside the worst one that belong to its band
+_PASSED = 0.5  # share of the Allan variance that a filter leaves at a time that is judged
 _CERTAIN = 3.0  # edf from which an averaging time is judged
 
 
@@ -146,7 +148,11 @@ def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
             )
         )
     judged = oadev.edf >= _CERTAIN
-    expected = np.sqrt(model_avar(fit.as_variances, oadev.tau, bins.dt, fit.markov_time))
+    known = fit.as_variances, oadev.tau, bins.dt, fit.markov_time
+    variance = filtered_model_avar(*known, bins.output)
+    # Averaging times that a filter of the sensor covers say all the same.
+    judged &= variance >= _PASSED * model_avar(*known)
+    expected = np.sqrt(variance)
     outside = (expected < oadev.low) | (expected > oadev.high)
     count = int(np.count_nonzero(outside & judged))
     return Goodness(bins.frequency, residual, tuple(decades), count, int(judged.sum()))

@@ -11,7 +11,7 @@ L rises. Covariance of θ: [½ Σ w e eᵀ/S²]⁻¹. k = 0 is left out, so that
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,6 +44,8 @@ class NoiseFit:
         S of each bin.
     covariance : (p, p) array
         Of θ; with a Gauss–Markov term (p + 1, p + 1), with ln T last.
+    nuisance, nuisance_u : (k,) array
+        Coefficients of the columns of the sensor's own filter, and their standard uncertainties.
     """
 
     symbols: tuple[str, ...]
@@ -52,6 +54,8 @@ class NoiseFit:
     loss: float
     model: Array
     covariance: Array
+    nuisance: Array = field(default_factory=lambda: np.zeros(0))
+    nuisance_u: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def parameters(self) -> int:
@@ -101,10 +105,10 @@ def scored_fit(
     """
     fixed = np.zeros_like(power) if fixed is None else fixed
     size = np.maximum(
-        np.linalg.norm(basis / (power + fixed.max() + 1e-300)[:, None], axis=0), 1e-300
+        np.linalg.norm(basis / (power + np.abs(fixed).max() + 1e-300)[:, None], axis=0), 1e-300
     )
     columns = basis / size
-    theta = _coarse(power, weight, columns, fixed) if start is None else start * size
+    theta = coarse_fit(power, weight, columns, fixed) if start is None else start * size
     model = columns @ theta + fixed
     if not (model > 0).all():
         theta = np.maximum(theta, 1e-6 * max(float(theta.max(initial=0)), 1e-12))
@@ -128,7 +132,7 @@ def _weighted_nnls(columns: Array, target: Array, weight: Array) -> Array:
     return nonnegative_least_squares(columns * weight[:, None], target * weight)
 
 
-def _coarse(power: Array, weight: Array, columns: Array, fixed: Array) -> Array:
+def coarse_fit(power: Array, weight: Array, columns: Array, fixed: Array) -> Array:
     """Return θ from about 25 groups of bins, each weighted by what it holds."""
     groups = np.array_split(np.arange(power.size), min(_START_GROUPS, power.size))
     starts = np.array([one[0] for one in groups])
@@ -142,8 +146,9 @@ def _coarse(power: Array, weight: Array, columns: Array, fixed: Array) -> Array:
     return _weighted_nnls(grouped, level - mean(fixed), np.sqrt(total / 2) / level)
 
 
-def _covariance(bins: Bins, columns: Array, model: Array) -> Array:
-    scaled = columns * (np.sqrt(bins.weight / 2) / model)[:, None]
+def information_inverse(weight: Array, columns: Array, model: Array) -> Array:
+    """Return the covariance of the coefficients of columns of S, [½ Σ w e eᵀ/S²]⁻¹."""
+    scaled = columns * (np.sqrt(weight / 2) / model)[:, None]
     size = np.linalg.norm(scaled, axis=0)
     size = np.where(size > 0, size, 1.0)  # ln T of a term that vanishes
     scaled = scaled / size
@@ -154,6 +159,27 @@ def basis_matrix(bins: Bins, symbols: Sequence[str], markov_time: float) -> Arra
     """Return E of each bin, (b, p)."""
     columns = [bins.markov_basis(markov_time) if one == "G" else bins.basis(one) for one in symbols]
     return np.stack(columns, axis=1)
+
+
+def _fit_columns(bins: Bins, basis: Array, start: Array | None = None) -> tuple[Array, float]:
+    """Return θ of the terms and of the filter's columns, (p + k,), and L."""
+    effect = bins.effect
+    if effect is None:
+        return scored_fit(bins.power, bins.weight, basis, start=start)
+    if start is None:
+        # Without the filter's columns first, of which dS/d ln f_c may make S negative.
+        held = effect.known + effect.nuisance @ effect.start
+        terms, _ = scored_fit(bins.power, bins.weight, basis, held)
+        start = np.concatenate([terms, effect.start])
+    columns = np.column_stack([basis, effect.nuisance])
+    return scored_fit(bins.power, bins.weight, columns, effect.known, start)
+
+
+def _model(bins: Bins, basis: Array, theta: Array) -> Array:
+    effect = bins.effect
+    if effect is None:
+        return basis @ theta
+    return np.column_stack([basis, effect.nuisance]) @ theta + effect.known
 
 
 def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = None) -> NoiseFit:
@@ -172,8 +198,8 @@ def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = No
         markov_time = _best_time(bins, symbols)
     time = markov_time or 1.0
     basis = basis_matrix(bins, symbols, time)
-    theta, value = scored_fit(bins.power, bins.weight, basis)
-    model = basis @ theta
+    theta, value = _fit_columns(bins, basis)
+    model = _model(bins, basis, theta)
     columns = basis
     if "G" in symbols:
         ahead, behind = (
@@ -181,15 +207,43 @@ def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = No
         )
         slope = theta[symbols.index("G")] * (ahead - behind) / (2 * _LOG_STEP)
         columns = np.column_stack([basis, slope])
-    return NoiseFit(symbols, theta, time, value, model, _covariance(bins, columns, model))
+    own = columns.shape[1]
+    if bins.effect is not None:
+        columns = np.column_stack([columns, bins.effect.nuisance])
+    covariance = information_inverse(bins.weight, columns, model)
+    p = len(symbols)
+    spread = np.sqrt(np.diag(covariance)[own:])
+    return NoiseFit(
+        symbols, theta[:p], time, value, model, covariance[:own, :own], theta[p:], spread
+    )
+
+
+def extended(fit: NoiseFit, bins: Bins) -> NoiseFit:
+    """Return a fit with its S at other bins."""
+    return replace(fit, model=basis_matrix(bins, fit.symbols, fit.markov_time) @ fit.variances)
+
+
+def fit_again(bins: Bins, fit: NoiseFit) -> NoiseFit:
+    """Return a fit with the same terms and T to other bins, without its covariance anew."""
+    basis = basis_matrix(bins, fit.symbols, fit.markov_time)
+    tail = np.zeros(0) if bins.effect is None else bins.effect.start
+    start = np.concatenate([fit.variances, tail])
+    theta, value = _fit_columns(bins, basis, start)
+    p = len(fit.symbols)
+    return replace(
+        fit,
+        variances=theta[:p],
+        loss=value,
+        model=_model(bins, basis, theta),
+        nuisance=theta[p:],
+    )
 
 
 def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
     """Return T with the least L: the best of a grid, then parabolas in ln T."""
 
     def at(log_time: float) -> float:
-        basis = basis_matrix(bins, symbols, float(np.exp(log_time)))
-        return scored_fit(bins.power, bins.weight, basis)[1]
+        return _fit_columns(bins, basis_matrix(bins, symbols, float(np.exp(log_time))))[1]
 
     grid = np.log(bins.times)
     values = np.array([at(one) for one in grid])
@@ -222,10 +276,15 @@ def profile_limits(
     j = fit.symbols.index(symbol)
     basis = basis_matrix(bins, fit.symbols, fit.markov_time)
     others = np.delete(basis, j, axis=1)
-    start = np.delete(fit.variances, j)
+    known, tail = np.zeros_like(bins.power), np.zeros(0)
+    if bins.effect is not None:
+        others = np.column_stack([others, bins.effect.nuisance])
+        known = bins.effect.known
+        tail = bins.effect.start  # with which S is above 0 whatever the terms
+    start = np.concatenate([np.delete(fit.variances, j), tail])
 
     def risen(variance: float) -> float:
-        fixed = variance * basis[:, j]
+        fixed = variance * basis[:, j] + known
         if not others.shape[1]:
             return 2 * (loss(bins.power, bins.weight, fixed) - fit.loss) - rise
         _, value = scored_fit(bins.power, bins.weight, others, fixed, start)

@@ -4,6 +4,8 @@ A triad has one value for all axes: the root mean square over its axes. Kalibr's
 continuous-time: N in rad/s/√Hz and m/s²/√Hz, K in rad/s²/√Hz and m/s³/√Hz.
 """
 
+from collections.abc import Collection
+
 import numpy as np
 
 from inercal.errors import InputError
@@ -14,6 +16,7 @@ from inercal.units import format_value_and_uncertainty, si_factor
 
 HORIZON = 100.0  # s, over which a filter without B is to be right
 _KEYS = {"N": "white", "B": "bias_instability", "K": "random_walk"}
+NOISE_KEYS = tuple(_KEYS.values())
 _MARK = "# inercal noise"
 
 
@@ -23,6 +26,11 @@ def section_lines(noise: TriadNoise) -> list[str]:
     for symbol, (value, u) in noise.values.items():
         unit = coefficient_unit(symbol, noise.quantity)
         size = si_factor(unit)
+        if symbol in noise.limits:
+            lines.append(
+                f'{_KEYS[symbol]} = "{value / size:.4g} {unit}"  # upper limit (95 %): not seen'
+            )
+            continue
         if u is None:
             origin = noise.origins[symbol]
             lines.append(
@@ -31,7 +39,7 @@ def section_lines(noise: TriadNoise) -> list[str]:
             continue
         number, spread = format_value_and_uncertainty(value / size, u / size)
         lines.append(f'{_KEYS[symbol]} = "{number} {unit}"  # u = {spread} {unit}')
-    return lines + [f"# {one}" for one in noise.notes]
+    return lines + [f"{_MARK}: {one}" for one in noise.notes]
 
 
 def run_file_sections(noise: SensorNoise) -> dict[str, list[str]]:
@@ -39,7 +47,9 @@ def run_file_sections(noise: SensorNoise) -> dict[str, list[str]]:
     return {f"sensor.{quantity}": section_lines(one) for quantity, one in noise.triads.items()}
 
 
-def merge_sections(text: str, sections: dict[str, list[str]]) -> str:
+def merge_sections(
+    text: str, sections: dict[str, list[str]], replaced: Collection[str] = ()
+) -> str:
     """Return the text of a run file with these lines in its sections, in place of the same keys.
 
     Parameters
@@ -48,6 +58,8 @@ def merge_sections(text: str, sections: dict[str, list[str]]) -> str:
         Empty for a new file, which then holds the sections alone.
     sections : dict of str to list of str
         Of `run_file_sections`.
+    replaced : collection of str
+        Keys that are taken out though the sections have none: what was found before.
     """
     lines = text.splitlines()
     for name, new in sections.items():
@@ -62,10 +74,11 @@ def merge_sections(text: str, sections: dict[str, list[str]]) -> str:
             len(lines),
         )
         keys = {line.split("=")[0].strip() for line in new if not line.startswith("#")}
+        keys |= set(replaced)
         body = [
             line
             for line in lines[start + 1 : stop]
-            if line.split("=")[0].strip() not in keys and line not in new
+            if line.split("=")[0].strip() not in keys and not line.startswith(f"{_MARK}: ")
         ]
         tail = len(body)
         while tail and not body[tail - 1].strip():
@@ -77,16 +90,34 @@ def merge_sections(text: str, sections: dict[str, list[str]]) -> str:
 def walk_for_filter(
     noise: TriadNoise, horizon: float, *, is_data_sheet: bool = False
 ) -> tuple[float, str]:
-    """Return K, SI, and its origin: as found, or K = 0.664 B √(3/τ_h) of a horizon τ_h, s."""
+    """Return K, SI, and its origin.
+
+    As found; of B where only a limit of K is known, K = 0.664 B √(3/τ_h) of a horizon τ_h, s; else
+    the upper limit. 0 of a data sheet that states neither.
+    """
     origin, done = ("data sheet", "stated") if is_data_sheet else ("fit", "seen")
-    if "K" in noise.values:
+    if "K" in noise.values and "K" not in noise.limits:
         return noise.values["K"][0], f"from the {origin}"
     if "B" in noise.values:
         value = float(np.sqrt(FLICKER_FLOOR)) * noise.values["B"][0] * np.sqrt(3 / horizon)
         return float(value), (
             f"no random walk is {done}: K with the Allan deviation of B at {horizon:g} s"
         )
+    if "K" in noise.values:
+        return noise.values["K"][0], "upper limit (95 %): no random walk is seen"
     return 0.0, f"neither a random walk nor a bias instability is {done}"
+
+
+def _require_walk(noise: TriadNoise, horizon: float, *, is_data_sheet: bool) -> tuple[float, str]:
+    """Return K and its origin; refuse a zero, which filters do not take."""
+    walk, why = walk_for_filter(noise, horizon, is_data_sheet=is_data_sheet)
+    if not walk:
+        raise InputError(
+            f"[datasheet.{noise.quantity}] states no random_walk and no bias_instability, of which "
+            "Kalibr needs one: add it, or record the sensor at rest",
+            key=f"[datasheet.{noise.quantity}] random_walk",
+        )
+    return walk, why
 
 
 def _white(noise: TriadNoise, *, is_data_sheet: bool) -> float:
@@ -144,7 +175,7 @@ def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
             lines.append(f"# {name}: {_absence(noise)}")
             continue
         rate = require_rate(triad)
-        walk, why = walk_for_filter(triad, horizon, is_data_sheet=noise.is_data_sheet)
+        walk, why = _require_walk(triad, horizon, is_data_sheet=noise.is_data_sheet)
         white = _white(triad, is_data_sheet=noise.is_data_sheet)
         lines += [
             f"{name}_noise_density: {white:.6e}  # {unit}/√Hz",
@@ -182,6 +213,8 @@ def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
         lines += [
             f"{field}_covariance: [{x:.6e}, 0, 0, 0, {y:.6e}, 0, 0, 0, {z:.6e}]",
             f"{prefix}_noise_density: {white:.6e}",
-            f"{prefix}_random_walk: {walk:.6e}  # {why}",
+            f"{prefix}_random_walk: {walk:.6e}  # {why}"
+            if walk
+            else f"# {prefix}_random_walk: {why}",
         ]
     return "\n".join([*lines, ""])

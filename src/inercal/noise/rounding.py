@@ -14,6 +14,7 @@ from inercal.errors import InputError
 REFUSED, WARNED = 0.4, 0.5  # sd of the noise over the step
 _LOOKED_AT = 100_000  # samples
 _EVEN = 1e-3  # of a step
+_LAGS = (1, 4, 16, 64)
 
 
 def rounding_step(y: Array) -> float:
@@ -32,8 +33,12 @@ def rounding_step(y: Array) -> float:
 
 
 def noise_over_step(y: Array, step: float) -> float:
-    """Return the sd of white noise over the step, without that of the rounding, step²/12."""
-    variance = float(np.mean(np.diff(y) ** 2)) / 2
+    """Return the sd of the noise over the step, without that of the rounding, step²/12.
+
+    From the differences at several lags: those of neighbours are small behind a low-pass filter.
+    """
+    lags = [lag for lag in _LAGS if 2 * lag <= y.size]
+    variance = max(float(np.mean((y[lag:] - y[:-lag]) ** 2)) for lag in lags) / 2
     return float(np.sqrt(max(variance / step**2 - 1 / 12, 0.0)))
 
 

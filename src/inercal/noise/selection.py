@@ -1,14 +1,18 @@
 """Which terms a recording supports, by Akaike's criterion, and which are significant.
 
-Candidates are N, NB, NK, NBK, NG, NGK, NBG, and the best of them with quantisation. A Gauss–Markov
-process counts three parameters, σ, T and the search over T: counted as two, it was added to 8 to
-15 % of simulated recordings without it.
+Candidates are N, NB, NK, NBK, NG, NGK, NBG, and each of them with quantisation where the best of
+these is significantly better. A Gauss–Markov process counts three parameters, σ, T and the search
+over T: counted as two, it was added to 8 to 15 % of simulated recordings without it. One whose T
+lies at an end of those that are tried is no candidate: to the recording it is white noise or a
+random walk. Nor is one kept that is not significant.
 
 A variance lies on the boundary of its range when the term is absent, so that the likelihood ratio
-2 ΔL of one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is significant where every candidate
-without it has a loss that is larger by half the limit below or more: not only the model without
-the term, but every model that may replace it. The limit shares `LEVEL` between the terms that are
-tested; that of a Gauss–Markov process also between the T that were searched.
+2 ΔL of one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is present where every candidate
+without it has a loss that is larger by half the limit below or more. In a model without a
+Gauss–Markov process the candidates are those without one, too: of flicker and a random walk some
+are described as well by it. Only where it describes a recording no better is B or K significant. B
+and K have the limit of `LEVEL` each; Q and G share
+it between the terms that are tested, and G also between the T that were searched.
 """
 
 from collections.abc import Iterable
@@ -21,9 +25,10 @@ from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Bins
 
 CANDIDATES = ("N", "NB", "NK", "NBK", "NG", "NGK", "NBG")
-LEVEL = 0.01  # probability that any term of a recording is falsely significant
+LEVEL = 0.01  # probability that a term is falsely significant
 RUNNERS_UP = 4.0  # of AIC, within which other models are named
-_TESTED = 4  # terms besides N that share the level
+_TESTED = 4  # terms besides N that share the level of Q and G
+_EDGE = 1.1  # of the shortest and the longest T
 
 
 @dataclass(frozen=True)
@@ -36,15 +41,24 @@ class Significance:
         2 ΔL to the best candidate without the term.
     limit : float
         That it must exceed.
+    is_replaced : bool
+        Whether a Gauss–Markov process in place of the term fits better, which costs two parameters
+        more.
     """
 
     ratio: float
     limit: float
+    is_replaced: bool = False
+
+    @property
+    def is_present(self) -> bool:
+        """Whether the noise that the term describes is there."""
+        return self.ratio > self.limit
 
     @property
     def is_significant(self) -> bool:
-        """Whether the term is."""
-        return self.ratio > self.limit
+        """Whether it is there, and no Gauss–Markov process describes it better."""
+        return self.is_present and not self.is_replaced
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +72,14 @@ class Selection:
         The other candidates, the best first.
     significance : dict of str to Significance
         Of each term of the model but N.
+    is_asked : bool
+        Whether the terms were asked for, not chosen.
     """
 
     fit: NoiseFit
     rivals: tuple[NoiseFit, ...]
     significance: dict[str, Significance]
+    is_asked: bool = False
 
     @property
     def runners_up(self) -> tuple[NoiseFit, ...]:
@@ -92,33 +109,81 @@ def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selectio
     """
     names = tuple(candidates)
     fits = [fit_terms(bins, one) for one in names]
-    best = min(fits, key=lambda one: one.aic)
     if names == CANDIDATES:
-        with_steps = fit_terms(bins, ("Q", *best.symbols), _time_of(best))
-        if 2 * (best.loss - with_steps.loss) > ratio_limit(_TESTED):
-            fits.append(with_steps)
-            best = with_steps
+        fits = [one for one in fits if not is_time_limit(bins, one)]
+        if bins.output is None:  # behind a filter the floor of the read-out is in its place
+            fits += _with_quantisation(bins, fits)
+    best = min(fits, key=lambda one: one.aic)
+    significance = _significance(bins, best, fits)
+    if names == CANDIDATES and "G" in best.symbols and not significance["G"].is_significant:
+        best = min((one for one in fits if "G" not in one.symbols), key=lambda one: one.aic)
+        significance = _significance(bins, best, fits)
     rivals = sorted((one for one in fits if one is not best), key=lambda one: one.aic)
-    return Selection(best, tuple(rivals), _significance(bins, best, fits))
+    return Selection(best, tuple(rivals), significance, len(names) == 1)
 
 
-def _time_of(fit: NoiseFit) -> float | None:
-    return fit.markov_time if "G" in fit.symbols else None
+def is_time_limit(bins: Bins, fit: NoiseFit) -> bool:
+    """Return whether T lies at an end of those that are tried: white noise, or a random walk."""
+    if "G" not in fit.symbols:
+        return False
+    shortest, longest = bins.times[[0, -1]]
+    return not shortest * _EDGE < fit.markov_time < longest / _EDGE
+
+
+def _with_quantisation(bins: Bins, fits: list[NoiseFit]) -> list[NoiseFit]:
+    """Return the candidates with quantisation, where the best of them is significantly better.
+
+    They are tried beside all others: the best model without Q has too many terms, or too few,
+    where Q is present. The fullest and the best model show whether Q is worth the others.
+    """
+    best = min(fits, key=lambda one: one.aic)
+    limit = min(one.loss for one in fits) - ratio_limit(_TESTED) / 2
+    full = next(one for one in fits if one.symbols == ("N", "B", "K"))
+    found = {one.symbols: _add_quantisation(bins, one) for one in (full, best)}
+    if min(one.loss for one in found.values()) > limit:
+        return []
+    for one in fits:
+        if one.symbols not in found:
+            found[one.symbols] = _add_quantisation(bins, one)
+    # Of models without Q none may be preferred by its few terms alone.
+    return [one for one in found.values() if one.loss <= limit]
+
+
+def _add_quantisation(bins: Bins, fit: NoiseFit) -> NoiseFit:
+    return fit_terms(bins, ("Q", *fit.symbols), fit.markov_time if "G" in fit.symbols else None)
 
 
 def _significance(bins: Bins, best: NoiseFit, fits: list[NoiseFit]) -> dict[str, Significance]:
-    tested = [one for one in best.symbols if one != "N"]
     found: dict[str, Significance] = {}
     grid = bins.times
     cells = max(1.0, float(np.log(grid[-1] / grid[0])))
-    for symbol in tested:
+    for symbol in best.symbols:
+        if symbol == "N":
+            continue
         without = [one for one in fits if symbol not in one.symbols]
+        others = [one for one in without if "G" in one.symbols and "G" not in best.symbols]
+        without = [one for one in without if one not in others]
         rest = "".join(one for one in best.symbols if one != symbol)
         if rest and not any("".join(one.symbols) == rest for one in without):
             without.append(fit_terms(bins, rest))
         if not without:
             continue
         ratio = 2 * (min(one.loss for one in without) - best.loss)
-        tests = _TESTED * (cells if symbol == "G" else 1)
-        found[symbol] = Significance(float(ratio), ratio_limit(int(np.ceil(tests))))
+        replaced = min((one.loss for one in others), default=np.inf) < best.loss
+        limit = significance_limit(symbol, cells)
+        found[symbol] = Significance(float(ratio), limit, bool(replaced))
     return found
+
+
+def significance_limit(symbol: str, cells: float = 1.0) -> float:
+    """Return the limit of 2 ΔL of a term.
+
+    Parameters
+    ----------
+    symbol : str
+    cells : float
+        How many T that differ were searched for a Gauss–Markov process.
+    """
+    if symbol in "BK":
+        return ratio_limit(1)
+    return ratio_limit(int(np.ceil(_TESTED * (cells if symbol == "G" else 1))))

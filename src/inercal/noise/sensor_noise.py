@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from inercal.errors import InputError
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, Quantity
+from inercal.noise.filter_texts import filter_notes
 from inercal.noise.terms import FLICKER_FLOOR
 
 MARKOV_PEAK = 0.617  # of σ: the largest Allan deviation of a Gauss–Markov process
@@ -23,10 +25,13 @@ class TriadNoise:
     ----------
     quantity : "gyro" or "accelerometer"
     axes : tuple of mapping of symbol to value
-        Coefficients of each axis; 0 or absent where none is known.
+        Coefficients of each axis, or their upper limits; 0 or absent where neither is known.
     values : dict of symbol to (value, u)
-        N, B and K: root mean squares over the axes, without those that no axis has. A Gauss–Markov
-        process counts as a bias instability of equal peak. u is None where none is stated.
+        N, B and K: root mean squares over the axes, without B where no axis has it. An axis of
+        which only the upper limit is known has that. A Gauss–Markov process counts as a bias
+        instability of equal peak. u is None where none is stated.
+    limits : tuple of str
+        Symbols of `values` of which all axes have only an upper limit.
     notes : tuple of str
         Origin of a value that is not a coefficient of an axis.
     rate_hz : float
@@ -41,6 +46,7 @@ class TriadNoise:
     notes: tuple[str, ...]
     rate_hz: float
     origins: Mapping[str, str] = field(default_factory=dict[str, str])
+    limits: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,12 +70,37 @@ class SensorNoise:
 
 
 def sensor_noise(analysis: NoiseAnalysis) -> SensorNoise:
-    """Return the noise that an analysis found."""
+    """Return the noise that an analysis found.
+
+    Raises
+    ------
+    InputError
+        The coefficients of a channel are refused.
+    """
+    require_stated(analysis)
     triads: dict[Quantity, TriadNoise] = {}
     for quantity in QUANTITIES:
         if axes := analysis.of(quantity):
             triads[quantity] = _triad(axes, quantity)
     return SensorNoise(analysis.source or "a recording", analysis.duration, triads)
+
+
+def require_stated(analysis: NoiseAnalysis) -> None:
+    """Refuse an analysis of which a channel has no coefficients.
+
+    Raises
+    ------
+    InputError
+        It names the channel, what is not stated, and why.
+    """
+    for one in analysis.channels:
+        if one.refusal is not None:
+            raise InputError(
+                f"{analysis.source or 'recording'}: {one.channel}: {one.refusal.text}; nothing is "
+                "written of this recording",
+                file=analysis.source or None,
+                names=(one.channel,),
+            )
 
 
 def axis_coefficient(channel: ChannelNoise, symbol: str) -> tuple[float, float]:
@@ -95,12 +126,24 @@ def root_mean_of_squares(values: Sequence[float]) -> float:
 
 def _triad(axes: Sequence[ChannelNoise], quantity: Quantity) -> TriadNoise:
     values: dict[str, tuple[float, float | None]] = {}
+    limits: list[str] = []
     for symbol in "NBK":
         pairs = [axis_coefficient(one, symbol) for one in axes]
-        if not any(value for value, _ in pairs):
-            continue
+        known = any(value for value, _ in pairs)
+        if not known and symbol == "B":
+            continue  # K's limit stands for all drift that is not seen
+        pairs = [
+            pair if pair[0] else (one.value_or_limit(symbol), 0.0)
+            for one, pair in zip(axes, pairs, strict=True)
+        ]
         mean = root_mean_of_squares([value for value, _ in pairs])
-        sums = sum((value * u) ** 2 for value, u in pairs if value)
+        if not mean:
+            continue
+        if not known:
+            values[symbol] = mean, None
+            limits.append(symbol)
+            continue
+        sums = sum((value * u) ** 2 for value, u in pairs if u)
         values[symbol] = mean, float(np.sqrt(sums)) / (len(pairs) * mean)
     notes = [
         f"{one.channel}: Gauss–Markov process with a time constant of "
@@ -108,5 +151,19 @@ def _triad(axes: Sequence[ChannelNoise], quantity: Quantity) -> TriadNoise:
         for one in axes
         if one.value("G")
     ]
-    coefficients = tuple({one: axis.value(one) for one in "NBKGT"} for axis in axes)
-    return TriadNoise(quantity, coefficients, values, tuple(notes), 1 / axes[0].dt)
+    notes += [f"{one.channel}: {text}" for one in axes for text in filter_notes(one)]
+    for symbol in values:
+        if symbol not in limits and (few := [one.channel for one in axes if _limited(one, symbol)]):
+            notes.append(f"{symbol} of {', '.join(few)} is the upper limit (95 %)")
+    limited = "NBK" if any(one.value("B") for one in axes) else "NK"
+    coefficients = tuple(
+        {one: axis.value_or_limit(one) if one in limited else axis.value(one) for one in "NBKGT"}
+        for axis in axes
+    )
+    return TriadNoise(
+        quantity, coefficients, values, tuple(notes), 1 / axes[0].dt, limits=tuple(limits)
+    )
+
+
+def _limited(channel: ChannelNoise, symbol: str) -> bool:
+    return not axis_coefficient(channel, symbol)[0]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.noise.expected_periodogram import expected_periodogram, squared_coefficients
+from inercal.noise.output_filter import OutputFilter
 
 Band = tuple[float, float]
 """Lowest and highest frequency, Hz."""
@@ -21,6 +22,8 @@ LONGEST = 1 << 17  # values in one transform
 SHORTEST_PIECE = 16
 _SINGLE = 64  # coefficients that are bins of their own
 _LOGARITHMIC = 160  # bins above
+_LEAKAGE, _STRONGEST = 1e-8, 0.9  # of the level that a tenth of the bins exceed
+_FINE = 300  # bins in a band at least, where a filter bends the spectrum
 _TIMES = 24  # of a Gauss–Markov process
 _BLOCK_SHARE = 0.1  # of the block means' frequencies that are used, where segments follow
 
@@ -54,24 +57,56 @@ class Spectrum:
 
 
 @lru_cache(maxsize=256)
-def bin_edges(first: int, last: int) -> tuple[int, ...]:
-    """Return the first coefficient of each bin from `first` to `last`, and `last`."""
+def bin_edges(first: int, last: int, *, fine: bool = False) -> tuple[int, ...]:
+    """Return the first coefficient of each bin from `first` to `last`, and `last`.
+
+    Fine bins are at most 1/300 of the coefficients wide.
+    """
     single = np.arange(first, min(max(_SINGLE, first), last))
     edges = np.geomspace(max(_SINGLE, first), max(last, _SINGLE + 1), _LOGARITHMIC + 1)
+    if fine and (wide := np.flatnonzero(np.diff(edges) > last / _FINE)).size:
+        start = float(edges[wide[0]])
+        edges = np.concatenate(
+            [edges[edges < start], np.arange(start, float(last), last / _FINE, dtype=np.float64)]
+        )
     edges = np.unique(np.round(edges).astype(np.int64))
     return tuple(int(k) for k in (*single, *edges[edges < last], last) if k <= last)
 
 
 @lru_cache(maxsize=4096)
 def binned_basis(
-    symbol: str, n: int, dt: float, first: int, last: int, markov_time: float
+    symbol: str, n: int, dt: float, first: int, last: int, markov_time: float, *, fine: bool = False
 ) -> Array:
     """Return E c_k² of a term averaged over each bin."""
-    edges = np.array(bin_edges(first, last))
+    edges = np.array(bin_edges(first, last, fine=fine))
     expected = expected_periodogram(symbol, n, dt, markov_time)[first - 1 : last - 1]
     means = np.add.reduceat(expected, edges[:-1] - first) / np.diff(edges)
     means.flags.writeable = False
     return means
+
+
+@dataclass(frozen=True, eq=False)
+class FilterEffect:
+    """What a filter of the sensor does to the bins.
+
+    Parameters
+    ----------
+    output : OutputFilter
+    response : (b,) array
+        |H|² averaged over each bin.
+    known : (b,) array
+        Part of S that is not fitted.
+    nuisance : (b, k) array
+        Further columns of S with coefficients ≥ 0: dS/d ln f_c, and the floor of the read-out.
+    start : (k,) array
+        Their coefficients at the filter that was found.
+    """
+
+    output: OutputFilter
+    response: Array
+    known: Array
+    nuisance: Array
+    start: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +122,12 @@ class Bins:
         Δ of the samples, s.
     used : array of bool
         Of all bins of the spectra, those with a coefficient that is kept.
+    fine : bool
+        Whether the bins are those for a filter.
+    effect : FilterEffect or None
+        Of the sensor's own filter.
+    limit : float
+        Frequency, Hz, from which on bins are left out.
     """
 
     power: Array
@@ -95,6 +136,59 @@ class Bins:
     spectra: tuple[Spectrum, ...]
     dt: float
     used: NDArray[np.bool_] = field(repr=False)
+    fine: bool = False
+    effect: FilterEffect | None = None
+    limit: float = np.inf
+
+    @property
+    def output(self) -> OutputFilter | None:
+        """The sensor's own filter, or None."""
+        return None if self.effect is None else self.effect.output
+
+    @cached_property
+    def ends(self) -> tuple[Array, Array]:
+        """Lowest and highest frequency of each bin, Hz, with half a coefficient beyond."""
+        low: list[Array] = []
+        high: list[Array] = []
+        for one in self.spectra:
+            edges = (np.array(bin_edges(one.first, one.last, fine=self.fine)) - 0.5) / (
+                2 * one.n * one.dt
+            )
+            low.append(edges[:-1])
+            high.append(edges[1:])
+        return np.concatenate(low)[self.used], np.concatenate(high)[self.used]
+
+    def take(self, chosen: NDArray[np.bool_]) -> "Bins":
+        """Return the chosen bins, without a filter."""
+        used = self.used.copy()
+        used[np.flatnonzero(self.used)[~chosen]] = False
+        return replace(
+            self,
+            power=self.power[chosen],
+            weight=self.weight[chosen],
+            frequency=self.frequency[chosen],
+            used=used,
+            effect=None,
+        )
+
+    def below(self, frequency: float) -> "Bins":
+        """Return the bins whose mean frequency is below one, Hz, without a filter."""
+        return replace(self.take(self.frequency < frequency), limit=frequency)
+
+    def strong_bins(self) -> "Bins":
+        """Return the bins that no leakage of the strongest frequencies covers.
+
+        The transform of a series that ends elsewhere than it begins leaks, by some 10⁻¹² of the
+        power, which shows in the upper skirt of a filter.
+        """
+        level = self.power / self.basis("N")
+        return self.take(level > _LEAKAGE * np.quantile(level, _STRONGEST))
+
+    def bins_of(self, spectra: Sequence[Spectrum]) -> "Bins":
+        """Return the like bins of other spectra of the same recording."""
+        bins = make_bins(spectra, self.dt, fine=self.fine)
+        like = bins.take(self.used[np.flatnonzero(bins.used)])
+        return replace(like, effect=self.effect, limit=self.limit)
 
     @cached_property
     def times(self) -> Array:
@@ -130,19 +224,22 @@ class Bins:
     def basis(self, symbol: str, markov_time: float = 1.0) -> Array:
         """Return E of each bin for a term with a coefficient of 1, (b,)."""
         parts = [
-            binned_basis(symbol, one.n, one.dt, one.first, one.last, markov_time)
+            binned_basis(symbol, one.n, one.dt, one.first, one.last, markov_time, fine=self.fine)
             for one in self.spectra
         ]
-        return np.concatenate(parts)[self.used]
+        expected = np.concatenate(parts)[self.used]
+        if self.effect is None or symbol == "Q":  # which the read-out makes, behind the filter
+            return expected
+        return expected * self.effect.response
 
 
-def make_bins(spectra: Sequence[Spectrum], dt: float) -> Bins:
+def make_bins(spectra: Sequence[Spectrum], dt: float, *, fine: bool = False) -> Bins:
     """Return the bins of spectra; bins without a coefficient that is kept are left out."""
     power: list[Array] = []
     weight: list[Array] = []
     frequency: list[Array] = []
     for one in spectra:
-        edges = np.array(bin_edges(one.first, one.last))
+        edges = np.array(bin_edges(one.first, one.last, fine=fine))
         part = slice(one.first - 1, one.last - 1)
         kept = one.kept[part].astype(np.float64)
         starts = edges[:-1] - one.first
@@ -160,6 +257,7 @@ def make_bins(spectra: Sequence[Spectrum], dt: float) -> Bins:
         tuple(spectra),
         dt,
         used,
+        fine,
     )
 
 

@@ -12,8 +12,9 @@ from inercal.arrays import Array
 from inercal.blas_threads import with_one_thread
 from inercal.errors import InputError
 from inercal.noise.analysis import candidate_models
+from inercal.noise.channel_model import ChannelSummary
 from inercal.noise.channel_noise import NoiseAnalysis, Quantity, quantity_of
-from inercal.noise.conclusion import ChannelSummary, conclude
+from inercal.noise.conclusion import conclude
 from inercal.noise.gap_oadev import join_deviations
 from inercal.noise.lines import take_out_lines
 from inercal.noise.pieces import FEWEST
@@ -239,6 +240,7 @@ class NoiseStream:
             remarks=tuple(dict.fromkeys(remarks)),
             low_values=values if single else None,
             regressors=self._regressors(values.size, dt) if single else {},
+            step=max(parts, key=lambda part: part.count).rounding_step(),
         )
 
     def _regressors(self, count: int, dt: float) -> dict[str, Array]:

@@ -24,9 +24,10 @@ from inercal.noise.disturbances import (
     bursts_of_windows,
     clipping_level,
     find_changes,
+    samples_per_degree,
 )
 from inercal.noise.expected_periodogram import squared_coefficients
-from inercal.noise.rounding import check_rounding
+from inercal.noise.rounding import check_rounding, rounding_step
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
 from inercal.noise.streamed_means import KEPT_EVERY
 
@@ -81,8 +82,16 @@ class StreamedChannel:
         InputError
             They are rounded too coarsely.
         """
+        return check_rounding([self._samples()], channel, source)
+
+    def rounding_step(self) -> float:
+        """Return the step to which the readings are rounded; 0 where none is seen."""
+        return rounding_step(self._samples())
+
+    def _samples(self) -> Array:
+        """Return samples, 2¹⁷ of a long series."""
         kept = LONGEST if self._segments else self._filled
-        return check_rounding([self._segment[:kept] + self.origin], channel, source)
+        return self._segment[:kept] + self.origin
 
     @property
     def mean(self) -> float:
@@ -176,7 +185,7 @@ class StreamedChannel:
         self._sum_differences()
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
         halves = np.concatenate(self._half_sums)
-        bursts = bursts_of_windows(halves, self._half, self.dt)
+        bursts = bursts_of_windows(halves, self._half, self.dt, samples_per_degree(self._samples()))
         changes = find_changes(means, self.dt * KEPT_EVERY)
         apart = [
             one

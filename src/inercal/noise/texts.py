@@ -1,9 +1,10 @@
 """Texts of a noise analysis for the terminal and the page."""
 
-from math import inf
+from math import inf, isinf
 
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, Quantity
 from inercal.noise.disturbances import Disturbance
+from inercal.noise.filter_texts import filter_remarks
 from inercal.noise.recording_length import length_for
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty, si_factor
@@ -19,15 +20,21 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
     size = one.size
     if one.is_limit:
         return name, f"< {one.high / size:.3g}", "", f"0 … {one.high / size:.3g}", one.unit, "no"
+    if one.symbol == "T" and isinf(one.u):
+        sign = ">" if isinf(one.high) else "<"
+        return name, f"{sign} {one.value / size:.3g}", "", "", one.unit, ""
     value, spread = format_value_and_uncertainty(one.value / size, COVERAGE * one.u / size)
     ends = f"{one.low / size:.3g} … {one.high / size:.3g}"
-    tested = "" if one.symbol == "T" else "yes" if one.is_significant else "no"
+    tested = {True: "yes", False: "no", None: "" if one.symbol == "T" else "open"}[
+        one.is_significant
+    ]
     return name, value, spread, ends, one.unit, tested
 
 
 def channel_remarks(channel: ChannelNoise) -> list[str]:
     """Return the verdict on a channel, then its remarks, drift and disturbances, a line each."""
     found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
+    found += filter_remarks(channel)
     if (band := channel.goodness.worst_band) is not None:
         found.append("--skip-band {:.3g}-{:.3g} leaves this band out of the fit".format(*band))
     found += channel.remarks

@@ -10,8 +10,9 @@ from matplotlib.ticker import NullFormatter
 from inercal.arrays import Array
 from inercal.noise.channel_noise import ChannelNoise
 from inercal.noise.deviations import deviations
+from inercal.noise.output_filter import filtered_avar, filtered_model_avar
 from inercal.noise.spectrum import block_means
-from inercal.noise.terms import TERMS, model_avar, model_psd
+from inercal.noise.terms import TERMS, model_psd
 from inercal.noise.texts import SHOWN_UNIT
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, WARN, X, Y, Z, svg
@@ -54,10 +55,11 @@ def deviation_figure(channel: ChannelNoise) -> Markup:
     left.fill_between(table.tau, table.low / size, table.high / size, color=BAND, lw=0)
     left.plot(table.tau, table.value / size, "o", ms=3, color=INK, label="measured")
     for symbol, variance in fit.as_variances.items():
-        term = np.sqrt(variance * TERMS[symbol].avar(tau, channel.dt, fit.markov_time)) / size
+        avar = filtered_avar(symbol, tau, channel.dt, fit.markov_time, channel.output)
+        term = np.sqrt(variance * avar) / size
         left.plot(tau, term, color=_COLOURS[symbol], ls=_DASHES[symbol], lw=0.9, label=symbol)
-    total = np.sqrt(model_avar(fit.as_variances, tau, channel.dt, fit.markov_time)) / size
-    left.plot(tau, total, color=INK, lw=0.9, label="sum")
+    total = filtered_model_avar(fit.as_variances, tau, channel.dt, fit.markov_time, channel.output)
+    left.plot(tau, np.sqrt(total) / size, color=INK, lw=0.9, label="sum")
     shown = np.concatenate([table.low, table.high]) / size
     left.set_ylim(0.4 * shown.min(), 2 * shown.max())
     _log_axes(left, "averaging time, s", f"Allan deviation, {unit}")
@@ -77,21 +79,38 @@ def _draw_spectrum(axes: Axes, channel: ChannelNoise) -> None:
     unit = TERMS["N"].gyro_unit if channel.quantity == "gyro" else TERMS["N"].accelerometer_unit
     size = si_factor(unit)
     level = np.median(bins.power / fit.model)
-    expected = model_psd(fit.as_variances, bins.frequency, channel.dt, fit.markov_time)
+    passed, floor = _passed(channel)
+    expected = passed * model_psd(
+        fit.as_variances, bins.frequency, channel.dt, fit.markov_time
+    ) + floor * (1 - passed)
     # Power over the model carries the aliases of blocks; times the density it lies on its line.
     density = np.sqrt(bins.power / fit.model * expected) / size
     axes.plot(bins.frequency, density, ".", ms=2.5, color=MUTED, label="measured")
     order = np.argsort(bins.frequency)
     f = bins.frequency[order]
     for symbol, variance in fit.as_variances.items():
-        term = np.sqrt(variance * TERMS[symbol].psd(f, channel.dt, fit.markov_time)) / size
+        share = 1.0 if symbol == "Q" else passed[order]
+        psd = share * TERMS[symbol].psd(f, channel.dt, fit.markov_time)
+        term = np.sqrt(variance * psd) / size
         axes.plot(f, term, color=_COLOURS[symbol], ls=_DASHES[symbol], lw=0.9, label=symbol)
     axes.plot(f, np.sqrt(expected[order]) / size, color=INK, lw=0.9, label="sum")
+    if channel.band < np.inf:
+        axes.axvspan(channel.band, float(f[-1]), color=(WARN, 0.15), lw=0)
+    if channel.output is not None and channel.output.shape.has_cutoff:
+        axes.axvline(channel.output.cutoff, color=INK, lw=0.7, ls=":", zorder=0, label="cut-off")
     for line in channel.lines:
         axes.axvline(line.frequency, color=WARN, lw=0.7, zorder=0)
     positive = density[density > 0]
     axes.set_ylim(0.3 * float(np.quantile(positive, 0.02)) * min(level, 1), 2 * positive.max())
     _log_axes(axes, "frequency, Hz", f"√S (two-sided), {unit}")
+
+
+def _passed(channel: ChannelNoise) -> tuple[Array, float]:
+    """Return the power that the sensor's own filter passes at each bin, and the floor behind it."""
+    frequency = channel.bins.frequency
+    if channel.output is None:
+        return np.ones_like(frequency), 0.0
+    return channel.output.power(frequency), channel.output.floor
 
 
 @drawing.style

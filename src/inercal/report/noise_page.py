@@ -8,6 +8,7 @@ from markupsafe import Markup
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.data_sheet import DataSheetNoise
 from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
+from inercal.noise.filter_texts import FILTER_HEADS, filter_rows
 from inercal.noise.texts import (
     SHOWN_UNIT,
     channel_remarks,
@@ -66,6 +67,8 @@ def page(analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | 
             for one in analysis.channels
             for found in one.coefficients
         ],
+        filter_heads=FILTER_HEADS,
+        filters=[row for one in analysis.channels for row in filter_rows(one)],
         channels=[_view(one, recording) for one in analysis.channels],
         sheet=None if sheet is None else sheet.name,
         sheet_heads=HEADS,

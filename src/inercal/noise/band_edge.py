@@ -1,0 +1,71 @@
+"""White noise from the low frequencies alone, where no filter describes the upper ones.
+
+Bands grow by half octaves from below. Each is fitted with N, B and K, and the next half octave is
+compared with the fit; where it departs by 3.3 of its standard uncertainty, the band ends. This
+comes late, so that N is some per cent low: the band used ends two half octaves before, and 1 % is
+added to the uncertainty of N.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.noise.likelihood import fit_terms
+from inercal.noise.spectrum import Bins
+
+ADDED_RELATIVE_U = 0.01  # of N
+_DEPARTS = 3.3  # standard uncertainties
+_BACK = 2  # half octaves
+_FEWEST = 256  # coefficients in the lowest band
+_LARGEST_U = 0.2  # of N, relative
+_PLATEAU = 3.0  # times the frequency where white noise and flicker cross, that the band must reach
+
+
+def band_below(bins: Bins, symbols: Sequence[str]) -> Bins | None:
+    """Return the bins below the edge of the band that N, B and K describe; None without any.
+
+    Parameters
+    ----------
+    bins : Bins
+        Without a filter.
+    symbols : sequence of str
+        Terms to fit, N among them.
+    """
+    order = np.argsort(bins.frequency, kind="stable")
+    enough = np.searchsorted(np.cumsum(bins.weight[order]), _FEWEST)
+    if enough >= order.size:
+        return None
+    first = float(bins.frequency[order[enough]])
+    top = float(bins.frequency.max())
+    count = int(np.ceil(2 * np.log2(max(top / first, 1.0))))
+    edges = first * 2 ** (np.arange(count + 1) / 2)
+    for k, edge in enumerate(edges[:-1]):
+        inner, outer = bins.below(edge), bins.below(edges[k + 1])
+        fit = fit_terms(inner, symbols)
+        new = outer.frequency >= edge
+        if not new.any():
+            continue
+        basis = np.stack([outer.basis(one)[new] for one in symbols], axis=1)
+        model = basis @ fit.variances
+        weight = outer.weight[new]
+        share = weight / model / weight.sum()
+        ratio = float(share @ outer.power[new])
+        slope = share @ basis
+        variance = float((2 * weight).sum() / weight.sum() ** 2 + slope @ fit.covariance @ slope)
+        if abs(ratio - 1) > _DEPARTS * np.sqrt(variance):
+            return _kept(bins, symbols, edge / 2 ** (_BACK / 2))
+    return None
+
+
+def _kept(bins: Bins, symbols: Sequence[str], edge: float) -> Bins | None:
+    """Return the bins below an edge, where they determine N."""
+    band = bins.below(edge)
+    if band.power.size < 2 * len(symbols):
+        return None
+    fit = fit_terms(band, symbols)
+    white = fit.variance("N")
+    j = fit.symbols.index("N")
+    if not white or np.sqrt(fit.covariance[j, j]) / (2 * white) > _LARGEST_U:
+        return None
+    crossing = fit.variance("B") / (2 * np.pi * white)
+    return band if edge > _PLATEAU * crossing else None

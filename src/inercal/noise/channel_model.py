@@ -1,0 +1,292 @@
+"""The model of a channel's noise: its terms, the sensor's own filter, and the drift.
+
+1. A filter is looked for (`filter_search`). It is believed where the fit behind it passes the test.
+2. Without one the terms are fitted to the whole spectrum.
+3. Where they fail the test, the band is used that they describe (`band_edge`).
+4. N, B and K are refused where white noise behind a filter is not told from bias instability, and
+   where a filter shows that neither a shape nor a band describes.
+
+White noise behind one pole at f_c and a Gauss–Markov process of T = 1/(2π f_c) have one spectrum.
+They are told apart by the white noise of the read-out: only behind a filter may there be none.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.band_edge import band_below
+from inercal.noise.channel_noise import NoiseRefusal, Quantity
+from inercal.noise.deviations import Deviations
+from inercal.noise.disturbances import Disturbance
+from inercal.noise.drift_regression import DriftFit, find_drift
+from inercal.noise.filter_search import FilterSearch, apply_filter, find_filter, settled_filter
+from inercal.noise.goodness import judge_fit
+from inercal.noise.likelihood import fit_terms
+from inercal.noise.lines import SpectralLine
+from inercal.noise.selection import Selection, select_terms
+from inercal.noise.spectrum import Bins, Spectrum, make_bins
+
+REFUSED = ("N", "B", "K")
+BEFORE_FILTER = "NBK"
+"""Terms that are fitted while a filter is looked for."""
+_LEAST_CUTOFF = 2e-3  # f_c Δ, below which a spectrum is that of a Gauss–Markov process
+_LEAST_FLOOR = 1e-3  # F² over N²: white noise beside a Gauss–Markov process
+_ROUNDING = 1.5  # N² of rounding that is not quite white, over step² Δ/12
+_LONGEST = 10.0  # s, 1/(2π f_c) of a filter
+_LOW_CUTOFF, _WHITE_BESIDE_MARKOV = 2e-2, 0.1  # f_c Δ; N² over 2σ²T of a process behind it
+_JUDGED = 0.1  # of the cut-off, from which a filter's fit is judged
+_AVERAGE_CUTOFF = 0.2  # f_c Δ of averages, for this
+_ABOVE_CROSSING = 5.0  # times the frequency at which flicker and white noise are equal
+_FALLEN = 0.8  # power of the upper half of the frequencies over that below, behind a filter
+_UPPER, _BELOW = (0.5, 1.0), (0.25, 0.5)  # of the highest frequency
+_FLAT, _SURE = 0.03, 3.3  # of a spectrum that does not fall: share, and standard deviations
+_LEAST_WHITE = 0.1  # N over the density of all samples
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSummary:
+    """Spectra, deviations and disturbances of a channel, from which its noise follows, SI.
+
+    Parameters
+    ----------
+    channel : str
+    quantity : "gyro" or "accelerometer"
+    n, longest : int
+        Samples in all pieces, and in the longest.
+    dt : float
+        Δ, s.
+    mean : float
+    spectra : tuple of Spectrum
+        Without lines; those of low frequencies first.
+    lines : tuple of SpectralLine
+    octaves : Deviations
+        Overlapping Allan deviation at octaves, for the estimates.
+    deviations : dict of kind to Deviations
+        To report.
+    disturbances : tuple of Disturbance
+    remarks : tuple of str
+    low_values : (k,) array or None
+        Means whose transform is spectra[0]; None of several pieces.
+    regressors : dict of name to (k,) array
+        Of the drift.
+    step : float
+        To which the readings are rounded; 0 where none is seen.
+    """
+
+    channel: str
+    quantity: Quantity
+    n: int
+    longest: int
+    dt: float
+    mean: float
+    spectra: tuple[Spectrum, ...]
+    lines: tuple[SpectralLine, ...]
+    octaves: Deviations
+    deviations: dict[str, Deviations]
+    disturbances: tuple[Disturbance, ...]
+    remarks: tuple[str, ...]
+    low_values: Array | None
+    regressors: dict[str, Array]
+    step: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """What was fitted to a channel.
+
+    Parameters
+    ----------
+    selection : Selection
+    bins : Bins
+        With the filter, or of the band, that were used.
+    drift : DriftFit or None
+    refusal : NoiseRefusal or None
+    """
+
+    selection: Selection
+    bins: Bins
+    drift: DriftFit | None = None
+    refusal: NoiseRefusal | None = None
+
+
+def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
+    """Return the model of a channel.
+
+    Parameters
+    ----------
+    one : ChannelSummary
+    candidates : tuple of str
+        Models to choose from; a filter needs N in each.
+    """
+    if not all("N" in symbols for symbols in candidates):
+        return _solve(one, make_bins(one.spectra, one.dt), candidates)
+    rounding = rounding_noise(one.step, one.dt)
+    fine = make_bins(one.spectra, one.dt, fine=True).strong_bins()
+    search = find_filter(fine, BEFORE_FILTER, rounding)
+    suspected = search is not None and search.is_better
+    if search is not None and suspected and search.best.is_possible:
+        found = _solve(one, apply_filter(fine, BEFORE_FILTER, search), candidates)
+        if _describes(one, found):
+            place = _placed(found, search)
+            if place is not None:
+                return place
+            suspected = False
+    plain = _solve(one, make_bins(one.spectra, one.dt), candidates)
+    if _describes(one, plain):
+        return _refused_without_white(plain, rounding)
+    contradictory = _is_contradictory(plain)
+    suspected = contradictory or (suspected and not one.disturbances)
+    if not suspected or not (contradictory or _falls(fine, rounding)):
+        return plain  # a vibration, a disturbance: the judgement of the fit names its band
+    band = band_below(fine, BEFORE_FILTER)
+    if band is not None and _describes(one, found := _solve(one, band, candidates)):
+        white = found.selection.fit.variance("N")
+        return found if _white(fine, _UPPER) < _FALLEN * white else plain
+    return _refused(
+        plain,
+        "no low-pass filter that is known describes the spectrum, and no band below it gives N",
+    )
+
+
+def _describes(one: ChannelSummary, model: NoiseModel) -> bool:
+    """Return whether a model passes the test of fit where it matters to what is decided.
+
+    Of a filter these are the frequencies from a tenth of its cut-off: whether drift has the terms
+    that are fitted says nothing of it. Of a band the averaging times are not judged, which hold the
+    frequencies above. Terms that were asked for may be too few.
+    """
+    bins, fit = model.bins, model.selection.fit
+    if model.selection.is_asked:
+        fit = fit_terms(bins, BEFORE_FILTER)
+    judged = judge_fit(bins, fit, one.octaves)
+    output = bins.output
+    if output is not None:
+        cutoff = output.cutoff if output.shape.has_cutoff else _AVERAGE_CUTOFF / output.dt
+        return all(decade.fits for decade in judged.decades if decade.high > _JUDGED * cutoff)
+    if bins.limit < np.inf:
+        return all(decade.fits for decade in judged.decades)
+    return judged.fits
+
+
+def rounding_noise(step: float, dt: float) -> float:
+    """Return F² of readings rounded to a step: white noise of step²/12 each."""
+    return step**2 * dt / 12
+
+
+def selection_with_filter(
+    spectra: tuple[Spectrum, ...], dt: float, candidates: tuple[str, ...], like: Bins, step: float
+) -> Selection:
+    """Return the terms of other parts of a recording, with a filter or a band like the whole's.
+
+    Parameters
+    ----------
+    spectra : tuple of Spectrum
+    dt : float
+        s.
+    candidates : tuple of str
+    like : Bins
+        Of the whole recording.
+    step : float
+        Of the rounding, SI.
+    """
+    bins = make_bins(spectra, dt, fine=like.fine)
+    if like.output is not None:
+        bins = bins.strong_bins()
+        search = find_filter(bins, BEFORE_FILTER, rounding_noise(step, dt))
+        if search is not None and search.is_better:
+            bins = apply_filter(bins, BEFORE_FILTER, search)
+    elif like.limit < np.inf:
+        bins = bins.below(like.limit)
+    return select_terms(bins, candidates)
+
+
+def _solve(one: ChannelSummary, bins: Bins, candidates: tuple[str, ...]) -> NoiseModel:
+    """Return the terms that fit bins best, with the drift that the low frequencies show."""
+    selection = select_terms(bins, candidates)
+    if one.low_values is None or not one.regressors:
+        return NoiseModel(selection, bins)
+    drift = find_drift(one.low_values, one.spectra, one.regressors, bins, selection, candidates)
+    if drift is None:
+        return NoiseModel(selection, bins)
+    return NoiseModel(drift.selection, drift.bins, drift)
+
+
+def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
+    """Return a model behind a filter, or its refusal; None where it is a Gauss–Markov process."""
+    fit = found.selection.fit
+    output = settled_filter(found.bins, fit)
+    assert output is not None
+    if not output.shape.has_cutoff:
+        return found
+    crossing = fit.variance("B") / (2 * np.pi * max(fit.variance("N"), 1e-300))
+    time = 1 / (2 * np.pi * output.cutoff)
+    low = output.cutoff * output.dt < _LEAST_CUTOFF
+    if low and (search.best.floor > _LEAST_FLOOR * search.best.white or time > _LONGEST):
+        return None
+    hidden = (
+        output.cutoff * output.dt < _LOW_CUTOFF
+        and fit.variance("N") < _WHITE_BESIDE_MARKOV * 2 * fit.variance("G") * fit.markov_time
+    )
+    if low or hidden or output.cutoff < _ABOVE_CROSSING * crossing:
+        return _refused(found, _same_spectrum(time))
+    return found
+
+
+def _same_spectrum(time: float) -> str:
+    """Return that a filter of 1/(2π T) is not told from a Gauss–Markov process of T, s."""
+    return (
+        f"white noise behind a low-pass filter at {1 / (2 * np.pi * time):.2g} Hz and a "
+        f"Gauss–Markov process with a time constant of {time:.2g} s have the same spectrum"
+    )
+
+
+def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
+    """Return a model, or its refusal where beside a short Gauss–Markov process N is not seen.
+
+    Parameters
+    ----------
+    model : NoiseModel
+        Without a filter.
+    rounding : float
+        White noise of the rounding of the readings, N² in SI.
+    """
+    fit = model.selection.fit
+    time = fit.markov_time
+    if "G" not in fit.symbols or time > _LONGEST:
+        return model
+    white = max(fit.variance("N") - _ROUNDING * rounding, 0.0)
+    if white > _LEAST_FLOOR * 2 * fit.variance("G") * time:
+        return model
+    return _refused(model, _same_spectrum(time))
+
+
+def _is_contradictory(model: NoiseModel) -> bool:
+    """Return whether N is far below the density of all samples, beside a significant B or K."""
+    bins, found = model.bins, model.selection
+    density = float(bins.weight @ bins.power / bins.weight.sum()) * bins.dt
+    sure = any(
+        one in found.significance and found.significance[one].is_significant for one in "BKG"
+    )
+    return sure and found.fit.variance("N") < _LEAST_WHITE**2 * density
+
+
+def _falls(bins: Bins, rounding: float) -> bool:
+    """Return whether the spectrum falls up to half the rate, or ends in the rounding alone."""
+    upper, below = _white(bins, _UPPER), _white(bins, _BELOW)
+    top = bins.frequency.max()
+    count = bins.weight[bins.frequency > _UPPER[0] * top].sum()
+    spread = max(_FLAT, _SURE * float(np.sqrt(6 / count)))
+    return upper < (1 - spread) * below or upper < _ROUNDING * rounding
+
+
+def _white(bins: Bins, octave: tuple[float, float]) -> float:
+    """Return N², SI², of a band alone, of these shares of the highest frequency."""
+    share = bins.frequency / bins.frequency.max()
+    chosen = (share > octave[0]) & (share <= octave[1])
+    weight = bins.weight[chosen]
+    return float(weight @ (bins.power[chosen] / bins.basis("N")[chosen]) / weight.sum())
+
+
+def _refused(model: NoiseModel, cause: str) -> NoiseModel:
+    return NoiseModel(model.selection, model.bins, model.drift, NoiseRefusal(REFUSED, cause))

@@ -1,0 +1,308 @@
+"""The sensor's own low-pass filter, found in the spectrum of a recording at rest.
+
+Each shape of `inercal.noise.output_filter` is fitted with the terms N, B and K, with and without
+white noise of the read-out behind it: Fisher scoring as in `inercal.noise.likelihood`, where
+dS/d ln f_c is one more column. The shape with the least Bayesian criterion is taken, to which 4 are
+added for a shape other than one pole, and 4 for the floor.
+
+A filter is believed where the criterion is more than 10 better than without one and its floor is
+at most a tenth of the white noise: with a larger one it is white noise with a Gauss–Markov process,
+which has the same spectrum. Whether the fit then describes the recording is for its caller to test.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.likelihood import (
+    NoiseFit,
+    coarse_fit,
+    information_inverse,
+    loss,
+    scored_fit,
+)
+from inercal.noise.numerics import nonnegative_least_squares
+from inercal.noise.output_filter import (
+    LEAST_RELATIVE_U,
+    SHAPES,
+    FilterShape,
+    OutputFilter,
+    mean_power,
+)
+from inercal.noise.spectrum import Bins, FilterEffect
+
+NEEDED_GAIN = 10.0  # of the criterion, over no filter
+LARGEST_FLOOR = 0.1  # F² over the white noise before the filter
+_PENALTY = 4.0  # of a shape other than one pole, and of a floor
+_STARTS = (0.02, 0.05, 0.12, 0.25, 0.42)  # f_c Δ
+_LOW_STARTS = (0.0008, 0.004)  # f_c Δ, of one pole
+_START_ROUNDS, _ROUNDS, _HALVINGS = 3, 40, 12
+_POLISHED = 5
+_STEP = 0.7  # of ln f_c
+_SLOPE_STEP = 0.01  # of ln f_c in its derivative
+_LOWEST = 1e-5  # f_c Δ
+_HOPELESS = 1.0  # gain in L of the starts below which nothing is polished
+_OFFSET = 0.2  # of ln f_c: its column has coefficients ≥ 0
+_CONVERGED = 1e-4  # of L
+_AT_LIMIT = 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class FilterFit:
+    """A shape fitted to bins.
+
+    Parameters
+    ----------
+    shape : FilterShape
+    log_cutoff : float
+        ln f_c Δ.
+    theta : (p,) array
+        Squared coefficients of the terms, and F² last.
+    has_floor : bool
+        Whether F² is fitted.
+    known_floor : float
+        F² that is known, SI².
+    loss : float
+    criterion : float
+        Bayesian, with penalties.
+    """
+
+    shape: FilterShape
+    log_cutoff: float
+    theta: Array
+    has_floor: bool
+    known_floor: float
+    loss: float
+    criterion: float = np.inf
+
+    @property
+    def cutoff(self) -> float:
+        """f_c Δ."""
+        return float(np.exp(self.log_cutoff))
+
+    @property
+    def white(self) -> float:
+        """N², of the plateau, SI²."""
+        return float(self.theta[0])
+
+    @property
+    def floor(self) -> float:
+        """F² that is fitted, SI²."""
+        return float(self.theta[-1])
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether it is a filter: a small floor, and a cut-off below half the rate."""
+        if self.floor > LARGEST_FLOOR * (self.white - self.floor - self.known_floor):
+            return False
+        return not self.shape.has_cutoff or self.cutoff < _AT_LIMIT * self.shape.highest
+
+
+@dataclass(frozen=True, eq=False)
+class FilterSearch:
+    """The best filter, and by how much the criterion is better than without one.
+
+    Parameters
+    ----------
+    best : FilterFit
+    gain : float
+    white_shift, white_spread : float
+        Mean of N over the shapes, weighted by the criterion, over that of the best, less 1; and
+        the standard deviation between them, relative.
+    """
+
+    best: FilterFit
+    gain: float
+    white_shift: float
+    white_spread: float
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the recording asks for a filter."""
+        return self.gain > NEEDED_GAIN
+
+
+class _Problem:
+    """Fits of shapes to bins."""
+
+    def __init__(self, bins: Bins, symbols: Sequence[str], known_floor: float):
+        self.power, self.weight = bins.power, bins.weight
+        self.base = np.stack([bins.basis(one) for one in symbols], axis=1)
+        self.white = self.base[:, 0]
+        self.known_floor = known_floor
+        self.low, self.high = (2 * np.pi * one * bins.dt for one in bins.ends)
+        self.scale = float(np.log(max(bins.weight.sum(), 2.0)))
+
+    def response(self, shape: FilterShape, x: float) -> Array:
+        return mean_power(shape, self.low, self.high, float(np.exp(x)))
+
+    def columns(self, response: Array, *, floor: bool) -> Array:
+        columns = self.base * response[:, None]
+        return np.column_stack([columns, (1 - response) * self.white]) if floor else columns
+
+    def slope(self, shape: FilterShape, x: float, theta: Array, floor: float) -> Array:
+        """Return dS/d ln f_c."""
+        change = self.response(shape, x + _SLOPE_STEP) - self.response(shape, x - _SLOPE_STEP)
+        terms = self.base @ theta - (floor + self.known_floor) * self.white
+        return change / (2 * _SLOPE_STEP) * terms
+
+    def fit(self, shape: FilterShape, x: float, rounds: int, *, floor: bool) -> FilterFit:
+        """Return a fit after some rounds of scoring from ln f_c Δ = x."""
+        top, bottom = float(np.log(shape.highest)), float(np.log(_LOWEST))
+        terms = self.base.shape[1]
+        response = self.response(shape, x)
+        columns = self.columns(response, floor=floor)
+        known = self.known_floor * (1 - response) * self.white
+        theta = coarse_fit(self.power, self.weight, columns, known)
+        theta[0] = max(theta[0], 1e-9 * float(np.median(self.power / self.white)))
+        model = columns @ theta + known
+        value = loss(self.power, self.weight, model)
+        for _ in range(rounds):
+            scoring = np.sqrt(self.weight / 2) / model
+            asked, target = columns, self.power - known
+            if shape.has_cutoff:
+                slope = self.slope(shape, x, theta[:terms], theta[-1] if floor else 0.0)
+                asked = np.column_stack([columns, slope])
+                target = target + _STEP * slope
+            found = nonnegative_least_squares(asked * scoring[:, None], target * scoring)
+            move = float(found[-1] - _STEP) if shape.has_cutoff else 0.0
+            step = found[: theta.size] - theta
+            if abs(move) > _STEP:
+                step, move = step * (_STEP / abs(move)), float(np.clip(move, -_STEP, _STEP))
+            before = value
+            for _ in range(_HALVINGS):
+                at = float(np.clip(x + move, bottom, top))
+                if move:
+                    response = self.response(shape, at)
+                    columns = self.columns(response, floor=floor)
+                    known = self.known_floor * (1 - response) * self.white
+                trial = columns @ (theta + step) + known
+                if (trial > 0).all() and (new := loss(self.power, self.weight, trial)) <= value:
+                    x, theta, model, value = at, theta + step, trial, new
+                    break
+                step, move = step / 2, move / 2
+            else:
+                break
+            if before - value <= _CONVERGED:
+                break
+        count = theta.size + shape.has_cutoff
+        penalty = _PENALTY * ((shape is not SHAPES[0]) + floor)
+        criterion = 2 * value + count * self.scale + penalty
+        theta = theta if floor else np.append(theta, 0.0)
+        return FilterFit(shape, x, theta, floor, self.known_floor, value, criterion)
+
+
+def _starts(shape: FilterShape) -> tuple[float, ...]:
+    """Return the f_c Δ to start from; one value, without a meaning, of an average."""
+    if not shape.has_cutoff:
+        return _STARTS[-1:]
+    return (*_LOW_STARTS, *_STARTS) if shape is SHAPES[0] else _STARTS
+
+
+def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> FilterSearch | None:
+    """Return the best filter of a recording; None where none comes near to what has none.
+
+    Parameters
+    ----------
+    bins : Bins
+        Fine ones.
+    symbols : sequence of str
+        Terms before the filter, N first.
+    known_floor : float
+        F² of the rounding of the readings, N² in SI; 0 where no step is known.
+    """
+    problem = _Problem(bins, symbols, known_floor)
+    _, plain = scored_fit(bins.power, bins.weight, problem.base)
+    starts = [
+        problem.fit(shape, float(np.log(c)), _START_ROUNDS, floor=False)
+        for shape in SHAPES
+        for c in _starts(shape)
+    ]
+    starts.sort(key=lambda one: one.criterion)
+    if min(one.loss for one in starts) > plain - _HOPELESS:
+        return None
+    polished = [
+        problem.fit(one.shape, one.log_cutoff, _ROUNDS, floor=floor)
+        for one in starts[:_POLISHED]
+        for floor in (False, True)
+    ]
+    polished.sort(key=lambda one: one.criterion)
+    best = polished[0]
+    without = 2 * plain + len(symbols) * problem.scale
+    weight = np.exp(-0.5 * np.array([one.criterion - best.criterion for one in polished]))
+    # Starts of one shape that end in one place are one candidate.
+    seen: list[FilterFit] = []
+    for k, one in enumerate(polished):
+        if any(
+            one.shape is other.shape
+            and one.has_floor == other.has_floor
+            and abs(one.log_cutoff - other.log_cutoff) < _SLOPE_STEP
+            for other in seen
+        ):
+            weight[k] = 0
+        seen.append(one)
+    values = np.sqrt([max(one.white, 0.0) for one in polished]) / np.sqrt(max(best.white, 1e-300))
+    mean = float(weight @ values / weight.sum())
+    spread = float(np.sqrt(weight @ (values - mean) ** 2 / weight.sum()))
+    return FilterSearch(best, without - best.criterion, mean - 1, spread)
+
+
+def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bins:
+    """Return bins with the best filter of a search, whose cut-off and floor stay free.
+
+    Parameters
+    ----------
+    bins : Bins
+        Fine ones.
+    symbols : sequence of str
+        As for `find_filter`.
+    search : FilterSearch
+    """
+    fit = search.best
+    problem = _Problem(bins, symbols, fit.known_floor)
+    response = problem.response(fit.shape, fit.log_cutoff)
+    columns: list[Array] = []
+    start: list[float] = []
+    known = fit.known_floor * (1 - response) * problem.white
+    relative = 0.0
+    if fit.shape.has_cutoff:
+        slope = problem.slope(fit.shape, fit.log_cutoff, fit.theta[:-1], fit.floor)
+        free = problem.columns(response, floor=fit.has_floor)
+        model = free @ fit.theta[: free.shape[1]] + known
+        covariance = information_inverse(bins.weight, np.column_stack([free, slope]), model)
+        relative = float(np.sqrt(covariance[-1, -1]))
+        columns.append(slope)
+        start.append(_OFFSET)
+        known = known - _OFFSET * slope
+    if fit.has_floor:
+        columns.append((1 - response) * problem.white)
+        start.append(fit.floor)
+    cutoff = fit.cutoff / bins.dt if fit.shape.has_cutoff else float("nan")
+    output = OutputFilter(
+        fit.shape,
+        cutoff,
+        max(relative, LEAST_RELATIVE_U) * cutoff,
+        bins.dt,
+        fit.floor + fit.known_floor,
+        fit.known_floor,
+        search.white_spread,
+        search.gain,
+    )
+    nuisance = np.stack(columns, axis=1) if columns else np.zeros((bins.power.size, 0))
+    return replace(bins, effect=FilterEffect(output, response, known, nuisance, np.array(start)))
+
+
+def settled_filter(bins: Bins, fit: NoiseFit) -> OutputFilter | None:
+    """Return the filter with the cut-off and the floor of a fit of terms to its bins, or None."""
+    if bins.effect is None:
+        return None
+    output, nuisance = bins.effect.output, fit.nuisance
+    if output.shape.has_cutoff:
+        relative = max(float(fit.nuisance_u[0]), LEAST_RELATIVE_U)
+        cutoff = output.cutoff * float(np.exp(nuisance[0] - _OFFSET))
+        output = replace(output, cutoff=cutoff, u=relative * cutoff)
+    if nuisance.size > output.shape.has_cutoff:
+        output = replace(output, floor=float(nuisance[-1]) + output.known_floor)
+    return output

@@ -1,0 +1,204 @@
+"""A sensor's own low-pass filter: its possible shapes, and what each does to noise.
+
+With w = 2π f Δ the power that passes is::
+
+    one pole                  (1−p)²/(1 − 2p cos w + p²),  p = e^(−2π f_c Δ)
+    one pole, bilinear        1/(1 + (tan(w/2)/tan(π f_c Δ))²)
+    two equal poles           the square of it
+    Butterworth, bilinear     1/(1 + (tan(w/2)/tan(π f_c Δ))⁴)
+    Butterworth, analog       Σ_m 1/(1 + ((f + m/Δ)/f_c)⁴), m = −2 … 2, over its value at f = 0
+    average of m samples      (sin(m w/2)/(m sin(w/2)))²
+    two averages of 2         the square of it
+
+An analog pole that is sampled folds noise back, and then has exactly the form of a digital one.
+The spectrum behind the filter, with the plateau N², and F² of what the read-out adds, is::
+
+    S = |H|² (N² e_N + B² e_B + K² e_K) + F² (1 − |H|²) e_N
+
+so that N² is the white noise of the angle; the part N² − F² lies before the filter.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.terms import TERMS, model_avar
+
+LEAST_RELATIVE_U = 0.01
+"""Of a cut-off: a shape that is 5 % wrong far above it moves it by almost 1 %, unnoticed."""
+_ALIASES = np.arange(-2.0, 3.0)
+_BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90
+_GRID = 8192  # frequencies of the filter's share of an Allan variance
+_EXACT_UP_TO = 512  # averaging factor; above it sin⁴ has its mean
+
+
+@dataclass(frozen=True)
+class FilterShape:
+    """A family of low-pass filters.
+
+    Parameters
+    ----------
+    name : str
+    like : str
+        In a sentence: "one pole".
+    poles : int
+        0 of an average.
+    power : function of (w, c)
+        |H|² at w = 2π f Δ, with c = f_c Δ, which an average does not use.
+    highest : float
+        f_c Δ, up to which it is sought.
+    """
+
+    name: str
+    like: str
+    poles: int
+    power: Callable[[Array, float], Array]
+    highest: float = 0.5
+
+    @property
+    def has_cutoff(self) -> bool:
+        """Whether it has a cut-off that is fitted."""
+        return self.poles > 0
+
+
+def _one_pole(w: Array, c: float) -> Array:
+    p = np.exp(-2 * np.pi * c)
+    # 1 − cos w = 2 sin²(w/2) keeps its digits at low frequencies.
+    return (1 - p) ** 2 / ((1 - p) ** 2 + 4 * p * np.sin(w / 2) ** 2)
+
+
+def _bilinear(order: int) -> Callable[[Array, float], Array]:
+    def power(w: Array, c: float) -> Array:
+        # Products of sines and cosines: tan(w/2) is infinite at half the rate.
+        own = (np.sin(w / 2) * np.cos(np.pi * c)) ** (2 * order)
+        cut = (np.cos(w / 2) * np.sin(np.pi * c)) ** (2 * order)
+        return cut / (cut + own)
+
+    return power
+
+
+def _analog(w: Array, c: float) -> Array:
+    f = (w / (2 * np.pi))[..., None] + _ALIASES
+    at_zero = float((1 / (1 + (_ALIASES / c) ** 4)).sum())
+    return (1 / (1 + (f / c) ** 4)).sum(axis=-1) / at_zero
+
+
+def _average(m: int) -> Callable[[Array, float], Array]:
+    def power(w: Array, c: float) -> Array:
+        half = np.maximum(np.abs(w), 1e-9) / 2
+        return (np.sin(m * half) / (m * np.sin(half))) ** 2
+
+    return power
+
+
+SHAPES = (
+    FilterShape("one pole", "one pole", 1, _one_pole, 1.0),
+    FilterShape("one pole, digital", "one pole, by a bilinear transform", 1, _bilinear(1)),
+    FilterShape("two equal poles", "like a second-order filter, two equal poles", 2,
+                lambda w, c: _one_pole(w, c) ** 2),
+    FilterShape("Butterworth, digital", "like a second-order filter, digital Butterworth", 2,
+                _bilinear(2)),
+    FilterShape("Butterworth, analog", "like a second-order filter, analog Butterworth", 2,
+                _analog),
+    FilterShape("average of 2", "average of 2 samples", 0, _average(2)),
+    FilterShape("average of 3", "average of 3 samples", 0, _average(3)),
+    FilterShape("average of 4", "average of 4 samples", 0, _average(4)),
+    FilterShape("two averages of 2", "two averages of 2 samples", 0,
+                lambda w, c: _average(2)(w, c) ** 2),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class OutputFilter:
+    """A filter of a sensor's output.
+
+    Parameters
+    ----------
+    shape : FilterShape
+    cutoff : float
+        f_c, Hz; not a number of an average.
+    u : float
+        Standard uncertainty of f_c, Hz.
+    dt : float
+        Δ of the samples, s.
+    floor : float
+        F², SI², of white noise behind the filter, with what is known of it: rounding.
+    known_floor : float
+        The part of it that the rounding of the readings makes.
+    white_spread : float
+        Standard deviation of N between the shapes that fit alike, relative.
+    gain : float
+        By how much the Bayesian criterion is better than without a filter.
+    """
+
+    shape: FilterShape
+    cutoff: float
+    u: float
+    dt: float
+    floor: float = 0.0
+    known_floor: float = 0.0
+    white_spread: float = 0.0
+    gain: float = 0.0
+
+    def power(self, frequency: Array) -> Array:
+        """Return |H|² at frequencies, Hz."""
+        return self.shape.power(2 * np.pi * frequency * self.dt, self.cutoff * self.dt)
+
+    @property
+    def at_half_rate(self) -> float:
+        """|H|² at half the sampling rate."""
+        return float(self.power(np.array([0.5 / self.dt]))[0])
+
+
+def mean_power(shape: FilterShape, low: Array, high: Array, c: float) -> Array:
+    """Return |H|² averaged over bands, by Boole's rule of five points.
+
+    Parameters
+    ----------
+    shape : FilterShape
+    low, high : (b,) array
+        Ends of the bands, 2π f Δ.
+    c : float
+        f_c Δ.
+    """
+    nodes = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _BOOLE.size)
+    return shape.power(nodes, c) @ _BOOLE
+
+
+def filtered_avar(
+    symbol: str, tau: Array, dt: float, markov_time: float, output: OutputFilter | None
+) -> Array:
+    """Return the Allan variance of a term with a coefficient of 1 behind a filter.
+
+    Of what the filter takes off only f ≤ 1/2Δ counts, without the aliases of B and K.
+    """
+    whole = TERMS[symbol].avar(tau, dt, markov_time)
+    if output is None or symbol == "Q":  # the rounding of increments is made behind the filter
+        return whole
+    f = (np.arange(_GRID, dtype=np.float64) + 0.5) / (2 * _GRID * dt)
+    taken = (1 - output.power(f)) * TERMS[symbol].psd(f, dt, markov_time)
+    m = np.asarray(tau)[:, None] / dt
+    wave = np.where(m <= _EXACT_UP_TO, np.sin(np.pi * f * dt * m) ** 4, 3 / 8)
+    lost = (2 * wave / (m * np.sin(np.pi * f * dt)) ** 2) @ taken / (_GRID * dt)
+    return np.maximum(whole - lost, 1e-12 * whole)
+
+
+def filtered_model_avar(
+    variances: dict[str, float],
+    tau: Array,
+    dt: float,
+    markov_time: float,
+    output: OutputFilter | None,
+) -> Array:
+    """Return the Allan variance of terms with squared coefficients behind a filter, SI."""
+    tau = np.asarray(tau)
+    if output is None:
+        return model_avar(variances, tau, dt, markov_time)
+    total = output.floor * (
+        TERMS["N"].avar(tau, dt, 1.0) - filtered_avar("N", tau, dt, 1.0, output)
+    )
+    for symbol, variance in variances.items():
+        total = total + variance * filtered_avar(symbol, tau, dt, markov_time, output)
+    return total
