@@ -138,17 +138,13 @@ def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
 
 def _steepest_axis(model: RampModel, x: Array) -> int:
     """Return the axis on which an error of the lag acts most, in units of its noise."""
-    effects = [
-        float(np.abs(whitening @ (model.slope(x, k) * model.blocks.rate)).max())
-        for k, whitening in enumerate(model.whitening)
-    ]
-    return int(np.argmax(effects))
+    axes = range(len(model.sensor.axes))
+    return max(axes, key=lambda k: model.largest_shift(x, k, in_noise=True))
 
 
 def _largest_shift(model: RampModel, x: Array, k: int) -> float:
     """Return what a second of lag shifts the bias of an axis at most, in its unit."""
-    size = BIAS_UNITS[model.sensor.axes[k].measures][0]
-    return float(np.abs(model.slope(x, k) * model.blocks.rate).max()) / size
+    return model.largest_shift(x, k) / BIAS_UNITS[model.sensor.axes[k].measures][0]
 
 
 def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
