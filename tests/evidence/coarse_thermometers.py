@@ -7,7 +7,6 @@ The reading is R with noise, rounded or truncated to steps, and possibly refresh
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray

@@ -24,8 +24,9 @@ from inercal.drafts.readouts import (
 )
 from inercal.errors import InputError
 from inercal.io.column_table import Table, shorten
+from inercal.recording.temperature_readout import first_impossible
 from inercal.section_settings import si_value
-from inercal.units import si_factor
+from inercal.units import ZERO_CELSIUS, si_factor
 
 _ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
 _WINDOW = 0.5  # s, in which a rest is quiet
@@ -201,7 +202,7 @@ def _column(name: str) -> str | int:
 
 
 def data_keys(
-    logs: Sequence[Path], path: Path, roles: ColumnRoles, bench: str
+    logs: Sequence[Path], path: Path, table: Table, roles: ColumnRoles, bench: str
 ) -> tuple[DraftKey, ...]:
     """Return the keys of [data] but its clock: files, and the columns that the bench uses."""
 
@@ -232,9 +233,27 @@ def data_keys(
             entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
             if role == "arm_rate" and _rate_unit(name) != "rpm":
                 entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
+            if role == "temperature":
+                entries += _thermometer_keys(table, name)
     if bench == "hand" and not roles.means and "label" in roles.single:
         entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)
+
+
+def _thermometer_keys(table: Table, name: str) -> tuple[DraftKey, ...]:
+    """Return the question for the unit of a column of temperature that cannot be in °C."""
+    values = table.numbers(name)
+    if first_impossible(values + ZERO_CELSIUS) is None:
+        return ()
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    if first_impossible(values) is None:
+        return (DraftKey("data", "temperature_unit", "K", f"it reads {low:.6g} to {high:.6g}"),)
+    ask = (
+        f"the unit of {name}, which reads {low:.6g} to {high:.6g}: of raw counts LSB, with "
+        'temperature_scale, such as "340 LSB/K", and temperature_zero, such as "36.53 °C"; '
+        "without need of the temperature remove the key temperature"
+    )
+    return (DraftKey("data", "temperature_unit", UNKNOWN, "", ask),)
 
 
 def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]:

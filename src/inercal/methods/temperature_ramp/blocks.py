@@ -139,7 +139,7 @@ class RampBlocks:
             return None
         nodes = course_nodes(crossings, ends, float(kelvin[0]), float(kelvin[-1]))
         cut = _Cut.of_length(track, max(_SHORTEST_BLOCK_OF_STEPS, float(time[-1]) / MOST_BLOCKS))
-        edges = ends[0] + cut.seconds * np.arange(cut.count + 1)
+        edges = ends[0] + cut.seconds * np.arange(cut.number + 1)
         course = NodeMeans(nodes, *nodes.means(edges))
         return cls(
             cut.means(time),
@@ -226,7 +226,7 @@ class _Cut(NamedTuple):
     """How samples are cut into blocks."""
 
     per_block: int
-    count: int
+    number: int
     seconds: float
 
     @classmethod
@@ -237,8 +237,8 @@ class _Cut(NamedTuple):
 
     def means(self, values: Array) -> Array:
         """Return the means over the blocks along the first axis."""
-        used = values[: self.count * self.per_block]
-        return used.reshape(self.count, self.per_block, *values.shape[1:]).mean(axis=1)
+        used = values[: self.number * self.per_block]
+        return used.reshape(self.number, self.per_block, *values.shape[1:]).mean(axis=1)
 
 
 def _weighted(blocks: Array) -> Array:

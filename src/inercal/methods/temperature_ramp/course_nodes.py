@@ -9,12 +9,12 @@ crossings and ends.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
+import scipy.interpolate  # pyright: ignore[reportMissingTypeStubs]
 
 from inercal.arrays import Array
 from inercal.methods.temperature_ramp.thermometer_steps import Crossings
 
-_FREE, _FREE_AT_ENDS = 0.2, 0.4  # steps: standard uncertainty of a free point
+_FREE, _FREE_AT_ENDS = 0.2, 0.4  # spacings of the crossings: standard uncertainty of a free point
 _MOST_FREE_POINTS = 8  # in one interval
 _LONG = 4.0  # times a neighbour: an inner interval with several free points
 
@@ -46,10 +46,11 @@ class CourseNodes:
         edges : (b + 1,) array
             Ends of the blocks, s.
         """
-        spline = CubicSpline(self.time, np.eye(self.time.size), bc_type="natural")
+        spline = scipy.interpolate.CubicSpline(self.time, np.eye(self.time.size), bc_type="natural")
         seconds = np.diff(edges)[:, None]
-        rate = np.diff(spline(edges), axis=0) / seconds
-        return np.diff(spline.antiderivative()(edges), axis=0) / seconds, rate
+        values: Array = np.asarray(spline(edges), dtype=np.float64)
+        integral: Array = np.asarray(spline.antiderivative()(edges), dtype=np.float64)
+        return np.diff(integral, axis=0) / seconds, np.diff(values, axis=0) / seconds
 
 
 def course_nodes(crossings: Crossings, ends: tuple[float, float], first: float, last: float):
@@ -85,8 +86,8 @@ def course_nodes(crossings: Crossings, ends: tuple[float, float], first: float, 
         many = ratio if at_end or ratio > _LONG else 1.0
         count = int(np.clip(round(many), 1, _MOST_FREE_POINTS))
         free += (fixed[k] + one * (np.arange(count) + 1) / (count + 1)).tolist()
-        width += [step * (_FREE_AT_ENDS if at_end else _FREE)] * count
-    between = PchipInterpolator(fixed, values)(np.array(free))
+        width += [crossings.spacing * (_FREE_AT_ENDS if at_end else _FREE)] * count
+    between = scipy.interpolate.PchipInterpolator(fixed, values)(np.array(free))
     order = np.argsort(np.concatenate([fixed, free]))
 
     def ordered(*parts: Array | list[float]) -> Array:

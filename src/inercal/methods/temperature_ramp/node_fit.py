@@ -12,6 +12,7 @@ followed the noise: then neither the lag nor its uncertainty means anything.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -109,9 +110,7 @@ def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
             "the warm-up had already become one exponential: start recording before the "
             "temperature changes; "
         )
-    k = max(
-        range(len(model.sensor.axes)), key=lambda k: model.largest_shift(x, k, in_noise=True)
-    )
+    k = max(range(len(model.sensor.axes)), key=lambda k: model.largest_shift(x, k, in_noise=True))
     axis = model.sensor.axes[k]
     size, unit = BIAS_UNITS[axis.measures]
     shift = model.largest_shift(x, k) / size
@@ -130,7 +129,9 @@ def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
 def _rate_not_observed(model: RampModel) -> NotObserved:
     course = model.blocks.course
     assert course is not None
-    names = tuple(n for n in model.sensor.coefficients if CoefficientName(n).parts[1].endswith("dTdt"))
+    names = tuple(
+        n for n in model.sensor.coefficients if CoefficientName(n).parts[1].endswith("dTdt")
+    )
     return NotObserved(
         f"not observed: {', '.join(names)}. The thermometer reports steps of "
         f"{course.nodes.crossings.step:.3g} K while the temperature goes one way; go up and down, "
@@ -138,6 +139,18 @@ def _rate_not_observed(model: RampModel) -> NotObserved:
         names,
         names=names,
     )
+
+
+class _Rows(NamedTuple):
+    """Whitened residuals, and Jacobians to the parameters and to the nodes."""
+
+    residual: Array
+    jacobian: Array
+    by_node: Array
+
+    @property
+    def cost(self) -> float:
+        return float(self.residual @ self.residual)
 
 
 class NodeProblem:
@@ -154,41 +167,51 @@ class NodeProblem:
         assert course is not None
         self._model, self._sd = model, course.nodes.sd
         self._shift = np.zeros(self._sd.size)
+        # Of white noise the whitening is diagonal, and the products below are most of the work.
+        diagonals = [np.diag(one) for one in model.whitening]
+        self._white = all(
+            np.count_nonzero(one) == np.count_nonzero(diagonal)
+            for one, diagonal in zip(model.whitening, diagonals, strict=True)
+        )
+        self._diagonals = diagonals
 
     def linearise(self, x: Array) -> tuple[Array, Array]:
         """Return the p + 1 residuals that the nodes leave, and their Jacobian to x."""
-        cost = np.inf
-        shift = self._shift
-        move = np.zeros(shift.size)
+        rows = self._rows(x, self._shift)
         for _ in range(_ROUNDS):
-            tried = self._rows(x, shift + move)
-            own = float(tried[0] @ tried[0])
-            if own > cost * (1 + 1e-12):
-                move = 0.5 * move
-                if np.abs(move / self._sd).max() < _SETTLED:
-                    break
-                continue
-            shift, cost, (residual, jacobian, by_node) = shift + move, own, tried
-            normal = by_node.T @ by_node
-            move = np.linalg.solve(normal, by_node.T @ residual)
+            move = np.linalg.solve(rows.by_node.T @ rows.by_node, rows.by_node.T @ rows.residual)
+            tried = self._rows(x, self._shift + move)
+            while tried.cost > rows.cost and np.abs(move / self._sd).max() > _SETTLED:
+                move = np.asarray(0.5 * move, dtype=np.float64)
+                tried = self._rows(x, self._shift + move)
+            if tried.cost > rows.cost:
+                break
+            rows, self._shift = tried, self._shift + move
             if np.abs(move / self._sd).max() < _SETTLED:
                 break
-        self._shift = shift
-        stacked = np.concatenate([by_node, jacobian, residual[:, None]], axis=1)
-        own = np.linalg.qr(stacked, mode="r")[shift.size :, shift.size :]
-        return own[:, -1], own[:, :-1]
+        stacked = np.concatenate([rows.by_node, rows.jacobian, rows.residual[:, None]], axis=1)
+        nodes = self._sd.size
+        upper = np.asarray(np.linalg.qr(stacked, mode="r"))
+        left = upper[nodes:, nodes:]
+        return left[:, -1], left[:, :-1]
 
-    def _rows(self, x: Array, shift: Array) -> tuple[Array, Array, Array]:
-        """Return whitened residuals of readings and nodes, and Jacobians to x and to the nodes."""
+    def _rows(self, x: Array, shift: Array) -> "_Rows":
+        """Return the rows of readings and nodes at x, with nodes that differ by a shift, K."""
         model = self._model._replace(node_shift=shift)
         residual, jacobian = model.linearise(x)
         effect = model.node_effect(x)
-        by_node = [
-            whitening @ (model.slope(x, k)[:, None] * effect)
-            for k, whitening in enumerate(model.whitening)
-        ]
+        if self._white:
+            by_node = [
+                (diagonal * model.slope(x, k))[:, None] * effect
+                for k, diagonal in enumerate(self._diagonals)
+            ]
+        else:
+            by_node = [
+                whitening @ (model.slope(x, k)[:, None] * effect)
+                for k, whitening in enumerate(model.whitening)
+            ]
         known = np.diag(1 / self._sd)
-        return (
+        return _Rows(
             np.concatenate([residual, -shift / self._sd]),
             np.concatenate([jacobian, np.zeros((shift.size, x.size))]),
             np.concatenate([*by_node, known]),

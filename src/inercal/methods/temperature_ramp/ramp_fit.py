@@ -16,9 +16,7 @@ WIDEST_LAG = 300.0  # s, standard deviation of a lag that is not stated
 _NATURAL = {"f": G0, "w": 1.0}
 
 
-def fit_ramp(
-    model: RampModel, priors: Sequence[Gaussian], environment: Environment
-) -> Estimate:
+def fit_ramp(model: RampModel, priors: Sequence[Gaussian], environment: Environment) -> Estimate:
     """Return the estimate of a ramp.
 
     Parameters

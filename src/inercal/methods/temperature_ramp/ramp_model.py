@@ -59,7 +59,7 @@ class RampModel(NamedTuple):
         return kelvin + self.lag_of(x) * rate - self.sensor.reference_temperature
 
     def node_effect(self, x: Array) -> Array:
-        """Return the derivatives of the element's temperature at the blocks to the nodes, (b, k)."""
+        """Return the derivatives of the temperature at the blocks to the nodes, (b, k)."""
         course = self.blocks.course
         assert course is not None
         return course.kelvin + self.lag_of(x) * course.rate
@@ -69,7 +69,10 @@ class RampModel(NamedTuple):
         blocks, shift = self.blocks, self.node_shift
         if blocks.course is None or shift is None:
             return blocks.kelvin, blocks.rate
-        return blocks.kelvin + blocks.course.kelvin @ shift, blocks.rate + blocks.course.rate @ shift
+        return (
+            blocks.kelvin + blocks.course.kelvin @ shift,
+            blocks.rate + blocks.course.rate @ shift,
+        )
 
     def slope(self, x: Array, k: int) -> Array:
         """Return db/dT of axis k at the blocks, (b,) SI per K."""

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from inercal.arrays import Array
 from inercal.units import ZERO_CELSIUS
@@ -17,8 +16,10 @@ from inercal.units import ZERO_CELSIUS
 # A thermometer that truncates reads half a step less than one that rounds, and nothing in the data
 # tells which it does: 2 standard uncertainties are half a step.
 TRUNCATION = 0.25
+_QUIET = 0.1  # steps
 _ONE_EXPONENTIAL = 3.0  # χ² per degree of freedom
 _LEAST_READINGS_A_LEVEL = 4.0  # fewer: the values are noise and rounding of a fine thermometer
+_CLOSEST = 0.5  # K; between boundaries whose crossings are used
 _DIGITS = 6  # of the text of a temperature, at most
 _FLIPS_BELONG_WITHIN = 60.0  # s; flips of a boundary further apart are crossings of their own
 _FLIP_TIME = 2.5  # σ/|Ṙ|: how long a noise σ makes the reading flip
@@ -31,6 +32,9 @@ class Crossings(NamedTuple):
     ----------
     step : float
         Of the thermometer, K.
+    spacing : float
+        Between the boundaries whose crossings are used, K: steps of a finer thermometer are taken
+        together, because more nodes follow the noise of the readings and bias the lag.
     noise : float
         Standard deviation of the thermometer's noise, K.
     refreshed : float
@@ -44,6 +48,7 @@ class Crossings(NamedTuple):
     """
 
     step: float
+    spacing: float
     noise: float
     refreshed: float
     time: Array
@@ -75,7 +80,7 @@ def thermometer_step(kelvin: Array) -> float | None:
         if np.array_equal(before, index):
             break
         step = float(np.polyfit(index, values, 1)[0])
-    rest = values - np.polyval(np.polyfit(index, values, 1), index)
+    rest: Array = values - np.polyval(np.polyfit(index, values, 1), index)
     allowed = max(0.02 * step, min(0.35 * _text_resolution(values), 0.2 * step))
     return step if float(np.sqrt((rest**2).mean())) <= allowed else None
 
@@ -102,11 +107,14 @@ def find_crossings(time: Array, kelvin: Array, step: float) -> Crossings:
     period = float(time[-1] - time[0]) / (time.size - 1)
     zero = float(kelvin[0])
     level = np.rint((kelvin - zero) / step).astype(np.int64)
+    every = max(1, round(_CLOSEST / step))
+    nearest = 0 if level[-1] > 0 else -1  # the boundary that is crossed first
     changes = time[1:][np.diff(level) != 0]
     refreshed = max(_refresh_interval(changes, period), period)
     found = [
         (*one, zero + step * (low + 0.5))
         for low in range(int(level.min()), int(level.max()))
+        if (low - nearest) % every == 0
         for one in _of_boundary(time, level > low, period)
     ]
     found.sort()
@@ -124,27 +132,33 @@ def find_crossings(time: Array, kelvin: Array, step: float) -> Crossings:
     sd = np.hypot(speed * refreshed / np.sqrt(12), 1.25 * noise / np.sqrt(number))
     sd = np.hypot(sd, step * (count - 1) / np.sqrt(12))
     sd[[0, -1]] = np.hypot(sd[[0, -1]], noise)
-    return Crossings(step, noise, refreshed, jumped, middle, sd)
+    return Crossings(step, step * every, noise, refreshed, jumped, middle, sd)
 
 
 def is_one_exponential(crossings: Crossings) -> bool:
     """Return whether a + b e^{−t/c} goes through all crossings within their uncertainties."""
+    if crossings.noise > _QUIET * crossings.step:
+        return False  # nothing is seen of the difference
     time, weight = crossings.time - crossings.time[0], 1 / crossings.sd
     dof = time.size - 3
     if dof < 1:
         return True
-    target = weight * (crossings.kelvin - crossings.kelvin[0])
+    target: Array = weight * (crossings.kelvin - crossings.kelvin[0])
 
     def chi2(logarithm: float) -> float:
-        shape = np.exp(-time / (time[-1] * np.exp(logarithm)))
-        shape = np.stack([weight, weight * shape], axis=-1)
-        rest = target - shape @ np.linalg.lstsq(shape, target, rcond=None)[0]
-        return float(rest @ rest)
+        decay = np.exp(-time / (time[-1] * np.exp(logarithm)))
+        shape = np.stack([weight, weight * decay], axis=-1)
+        basis: Array = np.linalg.qr(shape)[0]
+        return float(target @ target - np.square(target @ basis).sum())
 
-    grid: Array = np.linspace(-4.0, 3.0, 141)  # of the logarithm of c over the length
-    nearest = float(grid[np.argmin([chi2(one) for one in grid.tolist()])])
-    found = minimize_scalar(chi2, (nearest - 0.05, nearest, nearest + 0.05))
-    return min(float(found.fun), chi2(nearest)) / dof < _ONE_EXPONENTIAL
+    low, high = -4.0, 3.0  # of the logarithm of c over the length
+    least = np.inf
+    for _ in range(8):
+        grid = np.linspace(low, high, 41)
+        found = np.array([chi2(one) for one in grid.tolist()])
+        middle, width = float(grid[found.argmin()]), (high - low) / 20
+        low, high, least = middle - width, middle + width, float(found.min())
+    return least / dof < _ONE_EXPONENTIAL
 
 
 def _of_boundary(
