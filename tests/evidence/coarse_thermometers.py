@@ -1,80 +1,129 @@
-"""One-way warm-ups whose thermometer reports steps: errors of lag and coefficients.
+"""Warm-ups with a coarse thermometer over many seeds: errors of lag and coefficients.
 
-    T = end + (start − end) e^{−t/c},   τ dR/dt = T − R,   y = b(T) + white noise
-
-The reading is R with noise, rounded or truncated to steps, and possibly refreshed at intervals.
-`made` imports nothing of inercal; `found` takes what it made to the method.
+`python -m tests.evidence.coarse_thermometers 40` prints the rows of the method's note.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from tests.accuracy import warm_ups
+from tests.accuracy.warm_ups import WarmUp
 
-Array = NDArray[np.float64]
-ZERO = 273.15
-DEG = np.pi / 180
-# °/s, °/s/K and °/s/K² of three axes, about 20 °C.
-BIAS = DEG * np.array([[0.5, 0.02, 1e-4], [-0.3, -0.015, 0.0], [0.1, 0.005, -2e-4]])
-WHITE = DEG * 0.0158 / np.sqrt(2)  # rad/s/√Hz: .0158 °/s of a reading at 2 Hz
+from inercal.benches import Hand
+from inercal.environment import Environment
+from inercal.errors import NotObserved
+from inercal.estimate import Estimate
+from inercal.methods import METHODS
+from inercal.methods.temperature_ramp import ramp, rest
+from inercal.recording import Observations, Track
+from inercal.sensors import Noise, Readout, Sensor, triad
+from inercal.units import Measured
+
+# The generator rounds: an error that truncation may add is known to be none.
+ROUNDS = Environment("ramp", temperature_sd=1e-9)
+GOOD = {
+    "1 K": WarmUp(),
+    "0.5 K": WarmUp(step=0.5),
+    "1 K, 30 min, lag 20 s, constant 500 s": WarmUp(lag=20.0, constant=500.0, minutes=30.0),
+    "1 K, 45 min, lag 60 s, constant 800 s": WarmUp(lag=60.0, constant=800.0, minutes=45.0),
+    "1 K, 60 s of rest first": WarmUp(before=60.0),
+    "1 K, refreshed every 5 s": WarmUp(refreshed=5.0),
+    "0.1 K": WarmUp(step=0.1),
+}
+BAD = {
+    "first 300 s lost": WarmUp(lost=300.0),
+    "lag 5 s": WarmUp(lag=5.0),
+    "constant 1800 s, 45 min": WarmUp(constant=1800.0, minutes=45.0),
+    "noise ten times larger": WarmUp(louder=10.0),
+    "5 K": WarmUp(step=5.0),
+}
 
 
-@dataclass(frozen=True)
-class WarmUp:
-    """A warm-up and its thermometer; s, K, °C.
+class Row(NamedTuple):
+    """Errors over many seeds: of the lag, s, and of the terms of temperature in their u."""
 
-    `step` 0 is not rounded; `refreshed` 0 is with each reading; `before` is a rest at the first
-    temperature, `lost` what is cut off the begin; `back` returns to the start half way.
-    """
-
-    step: float = 1.0
-    lag: float = 30.0
-    constant: float = 600.0
-    minutes: float = 40.0
-    rate: float = 2.0
-    start: float = -20.0
-    end: float = 25.0
-    noise: float = 0.0
-    truncated: bool = False
-    refreshed: float = 0.0
-    before: float = 0.0
-    lost: float = 0.0
-    louder: float = 1.0
-    back: bool = False
+    runs: int
+    refused: int
+    rms: float
+    u: float
+    coverage: float
+    coefficients: float
+    nees: float
 
 
-def made(warm: WarmUp, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Return times, s, the thermometer's readings, K, and those of three gyros, rad/s."""
-    start, end = warm.start + rng.uniform(-0.5, 0.5), warm.end + rng.uniform(-0.5, 0.5)
-    total = warm.lost + warm.before + 60 * warm.minutes
-    n = round(total * warm.rate)
-    time = np.arange(n) / warm.rate
-    since = np.maximum(time - warm.before, 0.0)
-    half = 0.5 * (total - warm.before) if warm.back else np.inf
+def gyros(louder: float = 1.0, *also: str) -> Sensor:
+    """Return three gyros with the noise of the generator and the terms of a quadratic."""
+    noise = Noise(louder * warm_ups.WHITE, 0.0, 0.0)
+    sensor = triad("gyro", "w", "g", Readout(1.0, 0.0, "rad/s", None), noise)
+    sensor = replace(sensor, reference_temperature=warm_ups.ZERO + 20.0)
+    return METHODS["temperature_ramp"].prepare(sensor, also=("bias", "bias_dT", "bias_dT2", *also))
 
-    def course(t: Array, rise: float) -> tuple[Array, Array]:
-        """Return T and R less their start, from equilibrium at t = 0, where T is driven to rise."""
-        c, tau = warm.constant, warm.lag
-        element = rise * (1 - np.exp(-t / c))
-        slow, fast = c / (c - tau), tau / (c - tau)
-        return element, rise * (1 - slow * np.exp(-t / c) + fast * np.exp(-t / tau))
 
-    element, recorded = course(since, end - start)
-    if warm.back:
-        # The way back is the same drive reversed, added from the turn on.
-        later = np.maximum(since - half, 0.0)
-        more = course(later, -(end - start))
-        element, recorded = element + more[0], recorded + more[1]
-    reading = sum(BIAS[:, k] * (start + element - 20.0)[:, None] ** k for k in range(3))
-    reading = reading + warm.louder * WHITE * np.sqrt(warm.rate) * rng.standard_normal((n, 3))
-    kelvin = start + recorded + warm.noise * rng.standard_normal(n)
-    if warm.refreshed:
-        phase = rng.uniform(0, warm.refreshed)
-        held = np.floor((time + phase) / warm.refreshed)
-        first = np.searchsorted(held, held)  # the first reading of each refreshed value
-        kelvin = kelvin[first]
-    if warm.step:
-        rounded = np.floor if warm.truncated else np.round
-        kelvin = warm.step * rounded(kelvin / warm.step)
-    kept = round(warm.lost * warm.rate)
-    return time[kept:] - time[kept], kelvin[kept:] + ZERO, np.asarray(reading[kept:])
+def observed(warm: WarmUp, seed: tuple[int, ...]) -> Observations:
+    """Return a recording as the estimator takes it."""
+    time, kelvin, reading = warm_ups.made(warm, np.random.default_rng(seed))
+    n = time.size
+    track = Track(time, reading, np.zeros((n, 0)), np.zeros(n, dtype=np.int64), kelvin)
+    return Observations(
+        ("rest",),
+        reading.mean(axis=0)[None],
+        np.diag(reading.var(axis=0) / n)[None],
+        np.array([float(n)]),
+        np.array([n]),
+        np.array([n / 2]),
+        ("gx", "gy", "gz"),
+        temperature=np.array([kelvin.mean()]),
+        track=track,
+    )
+
+
+def fitted(
+    warm: WarmUp, seed: tuple[int, ...], environment: Environment | None = ROUNDS
+) -> Estimate:
+    """Return the estimate of one recording."""
+    seen, bench = observed(warm, seed), Hand(Measured(9.81, 1e-4))
+    return ramp(seen, gyros(warm.louder), bench, rest(), environment=environment)
+
+
+def errors(estimate: Estimate, warm: WarmUp) -> tuple[float, float, np.ndarray]:
+    """Return the error of the lag and its u, s, and those of the six terms in their u."""
+    sd = np.sqrt(np.diag(estimate.stated_covariance))
+    at = [
+        estimate.names.index(f"g{axis}.{term}")
+        for axis in "xyz"
+        for term in ("bias_dT", "bias_dT2")
+    ]
+    off = estimate.value[at] - warm_ups.BIAS[:, 1:].reshape(-1)
+    lag = estimate.names.index("lag")
+    return float(estimate.value[lag]) - warm.lag, float(sd[lag]), off / sd[at]
+
+
+def row(warm: WarmUp, runs: int, seed: int) -> Row:
+    """Return the errors over many seeds."""
+    found: list[tuple[float, float, np.ndarray]] = []
+    for k in range(runs):
+        try:
+            found.append(errors(fitted(warm, (seed, k)), warm))
+        except NotObserved:
+            continue
+    if not found:
+        return Row(runs, runs, np.nan, np.nan, np.nan, np.nan, np.nan)
+    off, u = (np.array([one[k] for one in found]) for k in (0, 1))
+    terms = np.stack([one[2] for one in found])
+    return Row(
+        runs,
+        runs - len(found),
+        float(np.sqrt((off**2).mean())),
+        float(u.mean()),
+        float((np.abs(off) <= 2 * u).mean()),
+        float((np.abs(terms) <= 2).mean()),
+        float((terms**2).mean()),
+    )
+
+
+if __name__ == "__main__":
+    import sys
+
+    for name, warm in (GOOD | BAD).items():
+        print(name, row(warm, int(sys.argv[1]), 1), flush=True)

@@ -69,8 +69,9 @@ class TemperatureReadout(NamedTuple):
         if row is None:
             return kelvin
         where = f"{file} {place(row)}" if file else place(row)
+        own = "" if self.unit == "°C" else f"{values[row]:.6g} {self.unit}, which is "
         raise InputError(
-            f"{where}: column {column!r} reads {values[row]:.6g} {self.unit}, "
+            f"{where}: column {column!r} reads {own}"
             f"{impossible_text(float(kelvin[row]))}: {self._advice(values)}",
             file=file or None,
             key="[data] temperature",
@@ -166,7 +167,8 @@ def first_impossible(kelvin: Array, *, allowed: bool = False) -> int | None:
 
 
 def impossible_text(kelvin: float, remedy: str = ALLOW) -> str:
-    """Return why a temperature is not possible, in words, with what would allow it."""
+    """Return a temperature and why it is not possible, in words, with what would allow it."""
+    celsius = f"{kelvin - ZERO_CELSIUS:.6g} °C"
     if kelvin < 0:
-        return f"{kelvin:.6g} K, below absolute zero"
-    return f"{kelvin - ZERO_CELSIUS:.6g} °C, outside −100 to 300 °C ({remedy} accepts it)"
+        return f"{celsius}, below absolute zero"
+    return f"{celsius}, outside −100 to 300 °C ({remedy} accepts it)"

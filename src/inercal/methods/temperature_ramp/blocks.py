@@ -73,6 +73,8 @@ class RampBlocks:
     course : NodeMeans or None
         Of a coarse thermometer on a one-way ramp: `kelvin` and `rate` are then those of its nodes
         before the fit, and the means are plain.
+    samples : int
+        In a block.
     step : float
         Of a coarse thermometer, K; 0 of a fine one.
     """
@@ -82,6 +84,7 @@ class RampBlocks:
     rate: Array
     reading: Array
     seconds: float
+    samples: int
     course: NodeMeans | None = None
     step: float = 0.0
 
@@ -125,6 +128,7 @@ class RampBlocks:
             (kelvin[2:] - kelvin[:-2]) / (2 * cut.seconds),
             _weighted(cut.means(track.reading)),
             cut.seconds,
+            cut.per_block,
         )
 
     @classmethod
@@ -147,6 +151,7 @@ class RampBlocks:
             course.rate @ nodes.kelvin,
             cut.means(track.reading),
             cut.seconds,
+            cut.per_block,
             course,
             step,
         )

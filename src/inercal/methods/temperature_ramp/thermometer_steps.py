@@ -72,11 +72,12 @@ def thermometer_step(kelvin: Array) -> float | None:
     if values.size < 3 or kelvin.size < _LEAST_READINGS_A_LEVEL * values.size:
         return None
     gaps = np.diff(values)
-    gaps = gaps[gaps > 1e-7 * np.ptp(values)]
+    apart = gaps > 1e-7 * np.ptp(values)
+    values, gaps = values[np.concatenate([[True], apart])], gaps[apart]
     step = float(np.median(gaps[gaps <= 1.5 * np.quantile(gaps, 0.05)]))
     index = np.zeros(values.size)
     for _ in range(20):
-        before, index = index, np.rint((values - values[0]) / step)
+        before, index = index, np.concatenate([[0.0], np.cumsum(np.rint(gaps / step))])
         if np.array_equal(before, index):
             break
         step = float(np.polyfit(index, values, 1)[0])
