@@ -4,13 +4,12 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.recording import Finding, Recording
+from inercal.recording.temperature_readout import seems_kelvin
 from inercal.units import ZERO_CELSIUS
 
 _FASTEST = 1.0  # K/s; chambers for thermal shock reach a third of it
 _SMALLEST = 3.0  # K; a smaller step is noise or rounding of a thermometer
 _TYPICAL = 6.0  # typical changes from one reading to the next
-# Temperatures of sensors, K, whose numbers were taken as °C: from −60 °C on.
-_LEAST_IF_KELVIN = 213.0
 
 
 def temperature_findings(recording: Recording) -> list[Finding]:
@@ -20,7 +19,7 @@ def temperature_findings(recording: Recording) -> list[Finding]:
         return []
     findings: list[Finding] = []
     celsius = kelvin - ZERO_CELSIUS
-    if celsius.min() >= _LEAST_IF_KELVIN:
+    if seems_kelvin(celsius):
         text = (
             f"the temperature is {celsius.min():.1f} to {celsius.max():.1f} °C: if these are "
             'numbers in K, state temperature_unit = "K"'

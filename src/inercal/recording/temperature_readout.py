@@ -14,6 +14,7 @@ from inercal.errors import InputError
 from inercal.units import ZERO_CELSIUS, parse_quantity, to_si
 
 LOWEST, HIGHEST = ZERO_CELSIUS - 100.0, ZERO_CELSIUS + 300.0  # K
+_LEAST_KELVIN = 213.0
 COUNTS = ("LSB", "V")  # units of a raw thermometer
 ALLOW = "[data] allow_temperature = true"
 
@@ -164,6 +165,11 @@ def first_impossible(kelvin: Array, *, allowed: bool = False) -> int | None:
         bad |= (kelvin < LOWEST) | (kelvin > HIGHEST)
     bad &= np.isfinite(kelvin)
     return int(np.argmax(bad)) if bad.any() else None
+
+
+def seems_kelvin(values: Array) -> bool:
+    """Return whether temperatures, (n,), are those of a bench in K, from −60 °C on."""
+    return float(np.nanmin(values)) >= _LEAST_KELVIN and first_impossible(values) is None
 
 
 def impossible_text(kelvin: float, remedy: str = ALLOW) -> str:
