@@ -17,6 +17,7 @@ from inercal.calibration.forms import (
 )
 from inercal.calibration.grade import Verdict
 from inercal.calibration.shared_errors import SharedError, SharedErrors, transform_shared
+from inercal.calibration.temperature_range import require_usable
 from inercal.calibration.validity import Validity
 from inercal.errors import InputError
 from inercal.motion import Motion
@@ -182,6 +183,7 @@ class Calibration:
         dw: Array | None = None,
         dT: Array | float | None = None,
         dTdt: Array | float | None = None,
+        extrapolate: bool = False,
     ) -> Motion:
         """Return the specific force and angular rate that readings measure.
 
@@ -197,6 +199,8 @@ class Calibration:
             Temperature minus the reference, K; taken from a recording that has it.
         dTdt : (..., n) array or float, optional
             Its time derivative, K/s, where the model depends on it; computed from a recording.
+        extrapolate : bool
+            Whether readings beyond the temperatures of the calibration are corrected, too.
 
         Returns
         -------
@@ -206,7 +210,8 @@ class Calibration:
         Raises
         ------
         InputError
-            A channel is missing or in another unit, or readings or temperatures are not finite.
+            A channel is missing or in another unit, readings or temperatures are not finite, or a
+            temperature is not possible or beyond those of the calibration.
         NotInvertible
             A reading beyond the fold of the nonlinear terms.
         """
@@ -232,11 +237,14 @@ class Calibration:
                 "recording with temperature",
                 key="dTdt",
             )
+        given = dT is not None
         dT, dTdt = (0.0 if value is None else value for value in (dT, dTdt))
         if not np.isfinite(dT).all():
             raise InputError(
                 "dT has temperatures that are not finite; remove those samples first", key="dT"
             )
+        if self.sensor.uses("dT", "dTdt") and given:
+            require_usable(self, dT, extrapolate=extrapolate)
         turning = self.sensor.uses("ai", "ap", "ao") and dw is None
         if turning and not isinstance(recording, Recording):
             raise InputError(

@@ -7,16 +7,12 @@ table of coefficients declares them: of the bias `k0`, `k0_dT`, `k0_dT2` and `k0
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
-from inercal.errors import InputError
+from inercal.calibration.temperature_range import require_inside
 from inercal.keys import CoefficientName
 from inercal.sensors.coefficient_tables import TABLES
-from inercal.units import ZERO_CELSIUS
-
-TEMPERATURE_MARGIN = 1.0  # K beyond the temperatures of a calibration that still count as inside
 
 
 class TemperatureCurve(NamedTuple):
@@ -54,7 +50,7 @@ def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[Tempera
     InputError
         A temperature beyond those of the calibration's data by more than a kelvin.
     """
-    require_inside(calibration, kelvin)
+    require_inside(calibration, kelvin, "give a temperature within")
     sensor = calibration.sensor
     dT = kelvin - sensor.reference_temperature
     found: list[TemperatureCurve] = []
@@ -85,37 +81,3 @@ def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[Tempera
                 )
             )
     return tuple(found)
-
-
-def require_inside(calibration: Calibration, kelvin: Array) -> None:
-    """Refuse temperatures, (n,) K, beyond those of the calibration's data.
-
-    Raises
-    ------
-    InputError
-        The message states both ranges.
-    """
-    outside = temperatures_outside(calibration, kelvin)
-    if outside.any():
-        assert calibration.validity is not None
-        assert calibration.validity.temperature is not None
-        low, high = (t - ZERO_CELSIUS for t in calibration.validity.temperature)
-        beyond = float(kelvin[outside][0]) - ZERO_CELSIUS
-        raise InputError(
-            f"{beyond:.2f} °C is beyond the temperatures of the calibration, {low:.2f} to "
-            f"{high:.2f} °C: a polynomial is unknown there; give a temperature within",
-            key="temperature",
-        )
-
-
-def temperatures_outside(calibration: Calibration, kelvin: Array) -> NDArray[np.bool_]:
-    """Return which temperatures, (..., n) K, are beyond those of a calibration's data.
-
-    A kelvin beyond them still counts as inside. None are outside where the model does not depend on
-    temperature, or where the file of the calibration states no range.
-    """
-    limits = None if calibration.validity is None else calibration.validity.temperature
-    if limits is None or not calibration.sensor.uses("dT", "dTdt"):
-        return np.zeros(kelvin.shape, dtype=np.bool_)
-    low, high = limits
-    return (kelvin < low - TEMPERATURE_MARGIN) | (kelvin > high + TEMPERATURE_MARGIN)

@@ -5,6 +5,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import Field, model_validator
 
 from inercal.errors import InputError
+from inercal.recording.temperature_readout import TemperatureReadout, temperature_readout
 from inercal.section_settings import BenchUsage, Section
 from inercal.units import parse_quantity, si_factor
 
@@ -46,6 +47,17 @@ class DataSection(Section):
     label: str | int | None = None
     temperature: str | int | None = None
     temperature_unit: str = "°C"
+    temperature_scale: str | None = Field(
+        None, description="of a thermometer in 'LSB' or 'V'", examples=["340 LSB/K"]
+    )
+    temperature_zero: str | None = Field(
+        None,
+        description="of a thermometer in 'LSB' or 'V': temperature at a reading of 0",
+        examples=["36.53 °C"],
+    )
+    allow_temperature: bool = Field(
+        False, description="accept temperatures outside −100 to 300 °C; none is below 0 K"
+    )
     marks: str = Field("found", description="'found', 'labels', or a file of marks")
     nonfinite: Literal["refuse", "drop"] = "refuse"
     sd: dict[Literal["accelerometer", "gyro"], str] = Field(
@@ -89,6 +101,32 @@ class DataSection(Section):
                 "readings with their signs"
             )
         return self
+
+    @model_validator(mode="after")
+    def _temperatures_have_a_column(self) -> "DataSection":
+        given = (self.temperature_scale, self.temperature_zero, self.allow_temperature or None)
+        if self.temperature is None and any(value is not None for value in given):
+            raise ValueError(
+                "temperature_scale, temperature_zero and allow_temperature need a column of "
+                "temperature: name it in temperature, or remove them"
+            )
+        return self
+
+    @property
+    def thermometer(self) -> TemperatureReadout:
+        """How the column of temperature states temperatures.
+
+        Raises
+        ------
+        InputError
+            A unit that is no temperature, or counts without scale and zero.
+        """
+        return temperature_readout(
+            self.temperature_unit,
+            self.temperature_scale,
+            self.temperature_zero,
+            allowed=self.allow_temperature,
+        )
 
     @property
     def row(self) -> str | int | None:

@@ -160,7 +160,7 @@ def reader_columns(run: Source[DataSection]) -> Columns:
         rate_hz=_column_rate(run),
         label=None if label is None else str(label),
         temperature=None if data.temperature is None else str(data.temperature),
-        temperature_unit=data.temperature_unit,
+        thermometer=data.thermometer,
         readback=() if READBACK in data.further_files() else readback_fields(run),
         nonfinite=data.nonfinite,
         modulus=data.counter_modulus,

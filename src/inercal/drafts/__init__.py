@@ -160,7 +160,7 @@ def draft_run_file(
             for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
         ),
         *bench_keys(bench, radius),
-        *data_keys(logs, path, roles, bench),
+        *data_keys(logs, path, table, roles, bench, values),
         *suggest_rate(clock, readouts.get("gyro")),
         *((deviation_key(start_deviation(roles), "a guess"),) if roles.means else ()),
     )

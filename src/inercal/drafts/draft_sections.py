@@ -25,8 +25,9 @@ from inercal.drafts.readouts import (
 from inercal.errors import InputError
 from inercal.io.column_table import Table, shorten
 from inercal.io.time_stamps import times_from_origin
+from inercal.recording.temperature_readout import COUNTS, first_impossible, seems_kelvin
 from inercal.section_settings import si_value
-from inercal.units import si_factor
+from inercal.units import ZERO_CELSIUS, si_factor
 
 _ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
 _WINDOW = 0.5  # s, in which a rest is quiet
@@ -202,9 +203,17 @@ def _column(name: str) -> str | int:
 
 
 def data_keys(
-    logs: Sequence[Path], path: Path, roles: ColumnRoles, bench: str
+    logs: Sequence[Path],
+    path: Path,
+    table: Table,
+    roles: ColumnRoles,
+    bench: str,
+    values: Mapping[str, object],
 ) -> tuple[DraftKey, ...]:
-    """Return the keys of [data] but its clock: files, and the columns that the bench uses."""
+    """Return the keys of [data] but its clock: files, and the columns that the bench uses.
+
+    `values` are those that the user states, by key.
+    """
 
     def file(log: Path) -> str:
         return Path(os.path.relpath(log.resolve(), path.parent.resolve())).as_posix()
@@ -233,9 +242,36 @@ def data_keys(
             entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
             if role == "arm_rate" and _rate_unit(name) != "rpm":
                 entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
+            if role == "temperature":
+                entries += _thermometer_keys(table, name, values)
     if bench == "hand" and not roles.means and "label" in roles.single:
         entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)
+
+
+def _thermometer_keys(
+    table: Table, name: str, values: Mapping[str, object]
+) -> tuple[DraftKey, ...]:
+    """Return the keys of a column of temperature that cannot be in °C, as far as they are known."""
+    read = table.numbers(name)
+    kelvin = seems_kelvin(read)
+    if first_impossible(read + ZERO_CELSIUS) is None and not kelvin:
+        return ()
+    low, high = float(np.nanmin(read)), float(np.nanmax(read))
+    reads = f"{name} reads {low:.6g} to {high:.6g}"
+    if values.get("data.temperature_unit") in COUNTS:
+        unit = values["data.temperature_unit"]
+        scale = f'the scale of {name}, such as "340 {unit}/K"; {reads}'
+        zero = f'the temperature at which {name} reads 0, such as "36.53 °C"'
+        return (
+            DraftKey("data", "temperature_unit", unit),
+            DraftKey("data", "temperature_scale", UNKNOWN, "", scale),
+            DraftKey("data", "temperature_zero", UNKNOWN, "", zero),
+        )
+    if kelvin:
+        return (DraftKey("data", "temperature_unit", "K", reads),)
+    ask = f"the unit of the thermometer, LSB of raw counts ({reads}, which cannot be °C)"
+    return (DraftKey("data", "temperature_unit", UNKNOWN, "", ask),)
 
 
 def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from inercal.io.long_tables import LongTable, open_long_table
 from inercal.io.time_stamps import times_from_origin
 from inercal.noise import NoiseStream
 from inercal.noise.pieces import FEW_LOST, JITTER, LOST_SHARE
-from inercal.units import si_factor, to_si
+from inercal.units import si_factor
 
 LONG_VALUES = 1 << 26
 """Rows times columns, above which a recording is analysed in blocks."""
@@ -63,11 +63,18 @@ class LongRestRecording:
         dt = 1 / (columns.rate_hz or 1.0) if clock is None else clock.dt
         axes = [axis for axis, _, _ in columns.channels]
         stream = NoiseStream(dt, axes, self.layout.units, source)
+        read = 0
         for block in _chained(first, blocks):
             values = (block[:, : len(names)] - offsets) / scales
             kelvin = None
             if warm:
-                kelvin = to_si(block[:, len(names)], columns.temperature_unit, like="K")
+                kelvin = columns.thermometer.possible_kelvin(
+                    block[:, len(names)],
+                    warm[0],
+                    lambda row, before=read: f"row {before + row + 1}",
+                    source,
+                )
+            read += len(block)
             if clock is None:
                 stream.add(values, kelvin)
             else:

@@ -14,13 +14,14 @@ import numpy as np
 from inercal.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.drafts.draft_sections import clock_keys
 from inercal.drafts.readouts import guess_accelerometer
-from inercal.drafts.stated_keys import stated_columns, stated_values
+from inercal.drafts.stated_keys import stated_columns, stated_thermometer, stated_values
 from inercal.errors import InputError
 from inercal.io.audit import NonfinitePolicy
 from inercal.io.column_table import Table
 from inercal.io.read import detect_reader, read_recording, read_table
 from inercal.io.table_recording import Columns
 from inercal.recording import Recording
+from inercal.recording.temperature_readout import first_impossible
 from inercal.runfile.schema import ReadoutSection
 from inercal.runfile.sensor_builder import READING_UNITS, build_readout
 from inercal.section_settings import si_value
@@ -31,7 +32,8 @@ _TOO_LONG = "[data] most_values"  # key of what is refused for its size
 _AXES = "xyz"
 _KEYS = (
     *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
-                                  "temperature", "temperature_unit", "nonfinite")),
+                                  "temperature", "temperature_unit", "temperature_scale",
+                                  "temperature_zero", "allow_temperature", "nonfinite")),
     *(f"sensor.{kind}.{name}" for kind in READING_UNITS for name in ("unit", "scale", "offset")),
 )  # fmt: skip
 
@@ -225,12 +227,18 @@ def _columns(
         )
     unit = str(values.get("data.time_unit", keys.get("time_unit", "s")))
     dates = "time" in keys and table.columns[roles.single["time"]].dtype.kind == "U"
+    warm, thermometer = roles.single.get("temperature"), stated_thermometer(values)
+    named = [key for key in stated if "temperature" in key]
+    if warm is not None and not named:
+        kelvin = thermometer.kelvin(table.numbers(warm))
+        # Raw counts that nobody asked for, and that no result of the noise needs.
+        warm = warm if first_impossible(kelvin) is None else None
     return Columns(
         channels=channels,
         time=roles.single.get("time"),
         time_unit=None if dates or "time" not in keys else unit,
         rate_hz=si_value(stated["data.rate"], "Hz", "data.rate") if counted else None,
-        temperature=roles.single.get("temperature"),
-        temperature_unit=str(values.get("data.temperature_unit", "°C")),
+        temperature=warm,
+        thermometer=thermometer,
         nonfinite=policy,
     )

@@ -12,6 +12,7 @@ from inercal.drafts.column_names import NAMES
 from inercal.errors import InputError
 from inercal.io.column_table import Table, select_columns
 from inercal.io.readers import known_options
+from inercal.recording.temperature_readout import TemperatureReadout, temperature_readout
 from inercal.runfile.schema import RunSchema
 from inercal.small_files import parse_toml
 
@@ -31,6 +32,31 @@ def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
         A key that no run file has, or a list that cannot be read.
     """
     return {key: _value(key, text) for key, text in stated.items()}
+
+
+def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:
+    """Return how the column of temperature states temperatures.
+
+    Raises
+    ------
+    InputError
+        A unit that is no temperature, counts without scale and zero, or a value of another kind.
+    """
+    given = {key: values.get(f"data.temperature_{key}") for key in ("unit", "scale", "zero")}
+    for key, value in given.items():
+        if value is not None and not isinstance(value, str):
+            raise InputError(
+                f"data.temperature_{key}: {value!r} has no unit; write it as text with its unit",
+                key=f"data.temperature_{key}",
+            )
+    allowed = values.get("data.allow_temperature", False)
+    if not isinstance(allowed, bool):
+        raise InputError(
+            f"data.allow_temperature: {allowed!r} can be true or false",
+            key="data.allow_temperature",
+        )
+    unit = given["unit"] or "°C"
+    return temperature_readout(unit, given["scale"], given["zero"], allowed=allowed)
 
 
 def stated_columns(

@@ -7,7 +7,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
-from inercal.calibration.temperature_curves import TEMPERATURE_MARGIN, require_inside
+from inercal.calibration.temperature_range import TEMPERATURE_MARGIN, require_inside
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors import G0
@@ -68,7 +68,7 @@ def calibrated_ranges(
                 )
             known[name] = stated
     if temperature is not None:
-        require_inside(calibration, np.array(temperature))
+        require_inside(calibration, np.array(temperature), "give a temperature within")
     kinds = {axis.measures for axis in calibration.sensor.axes}
     # Of gyros the range of specific force is not assumed: on a rate table they sense gravity.
     assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]

@@ -34,7 +34,6 @@ from inercal.io.simulation_mark import SIMULATION_KEY
 from inercal.recording import AngleQuality
 from inercal.runfile import Run
 from inercal.section_settings import key_error
-from inercal.units import to_si
 
 _FRAMES_PER_PIECE = 4096  # worked through at once
 _NEEDS_H5PY = "a recording is written by h5py"
@@ -231,8 +230,7 @@ def _recording_columns(
         columns[str(hold)] = np.concatenate([one.hold for one in blocks])
     if data.temperature is not None:
         kelvin = _fill_missing(np.concatenate([one.temperature for one in blocks]))
-        zero, one = to_si(np.array([0.0, 1.0]), data.temperature_unit, "K")
-        columns[str(data.temperature)] = (kelvin - zero) / (one - zero)
+        columns[str(data.temperature)] = data.thermometer.values(kelvin)
     return columns
 
 

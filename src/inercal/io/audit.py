@@ -23,6 +23,7 @@ from inercal.io.row_checks import (
     check_repeated_rows,
     check_time_order,
 )
+from inercal.io.temperature_checks import temperature_findings
 from inercal.recording import Finding, Indices, Recording
 
 NonfinitePolicy = Literal["refuse", "drop"]
@@ -117,7 +118,7 @@ def audit_rows(
         if keep is not None:
             cleaned = _compact_in_place(cleaned, keep) if in_place else cleaned.take(keep)
             rows = keep if rows is None else rows[keep]
-    for sampled in (gap_findings, jitter_findings):
+    for sampled in (gap_findings, jitter_findings, temperature_findings):
         findings += sampled(cleaned)
     return replace(cleaned, findings=tuple(findings), original=rows)
 

@@ -18,7 +18,6 @@ from inercal.io.column_table import TOO_LARGE, Array, Table, shorten
 from inercal.io.read import Columns, read_table
 from inercal.recording import Observations
 from inercal.sensors import Axis, Sensor
-from inercal.units import to_si
 
 _ROWS = 4  # the means of fewer rows may agree to the last digit
 SD_SUFFIX = "_sd"  # added to the name of a column: its standard deviation
@@ -122,8 +121,8 @@ def observations_from_table(
     Raises
     ------
     InputError
-        A value is not finite, a label is repeated, a column is the same in all rows, or no
-        deviation is stated.
+        A value is not finite, a temperature is not possible, a label is repeated, a column is the
+        same in all rows, or no deviation is stated.
     """
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
@@ -150,7 +149,9 @@ def observations_from_table(
     temperature = None
     if columns.temperature is not None:
         cells = number_column(path, table, columns.temperature, "write the temperature")
-        temperature = to_si(cells, columns.temperature_unit, like="K")
+        temperature = columns.thermometer.possible_kelvin(
+            cells, columns.temperature, table.place, str(path)
+        )
     return Observations(
         labels=labels,
         mean=sensor.to_si(output),

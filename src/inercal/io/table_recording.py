@@ -19,6 +19,7 @@ from inercal.io.time_stamps import (
     times_from_origin,
 )
 from inercal.recording import Recording
+from inercal.recording.temperature_readout import CELSIUS, TemperatureReadout
 from inercal.units import si_factor, to_si
 
 _NS = 10**9
@@ -48,8 +49,10 @@ class Columns:
         Time 0 by the clock of the stamps, ns, since 1970 of dates; None for the first row's time.
     label : str or None
         Column that names the section of each sample.
-    temperature, temperature_unit : str
-        Column of temperature, or None.
+    temperature : str or None
+        Column of temperature.
+    thermometer : TemperatureReadout
+        How it states temperatures.
     readback : tuple of (name, column, unit)
         Quantities that the bench measured itself.
     nonfinite : "refuse" or "drop"
@@ -76,7 +79,7 @@ class Columns:
     rate_hz: float | None = None
     label: str | None = None
     temperature: str | None = None
-    temperature_unit: str = "°C"
+    thermometer: TemperatureReadout = CELSIUS
     readback: tuple[tuple[str, str, str], ...] = ()
     nonfinite: NonfinitePolicy = "refuse"
     second: tuple[tuple[str, str, str], ...] = ()
@@ -162,14 +165,16 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
     Raises
     ------
     InputError
-        A column of text where numbers are needed, or times that cannot be read.
+        A column of text where numbers are needed, times that cannot be read, or a temperature that
+        is not possible.
     """
     data = number_block(table, tuple(column for _, column, _ in columns.channels))
     labels = None if columns.label is None else table.columns[columns.label].astype(np.str_)
     temperature = None
     if columns.temperature is not None:
-        celsius = table.numbers(columns.temperature)
-        temperature = to_si(celsius, columns.temperature_unit, like="K")
+        temperature = columns.thermometer.possible_kelvin(
+            table.numbers(columns.temperature), columns.temperature, table.place, table.source
+        )
     time, origin, first_stamp = sample_times(table, columns, len(data))
     channels = columns.channels + columns.second
     return Recording(

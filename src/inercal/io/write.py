@@ -19,6 +19,7 @@ from inercal.io.parquet import write_parquet
 from inercal.io.read import Columns
 from inercal.io.simulation_mark import SIMULATION_KEY
 from inercal.recording import Recording
+from inercal.recording.temperature_readout import temperature_readout
 from inercal.visible_text import visible_text
 
 _CHUNK = 10_000  # rows of CSV formatted at a time
@@ -46,7 +47,7 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> Colum
         time=recording.time_name,
         label=None if recording.labels is None else recording.label_name,
         temperature=None if recording.temperature is None else "temperature",
-        temperature_unit="K",
+        thermometer=temperature_readout("K", allowed=True),
         readback=tuple((name, name, "1") for name in recording.readback),
     )
     write_recordings({Path(path): recording})

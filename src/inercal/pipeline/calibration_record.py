@@ -1,7 +1,8 @@
 """What a calibration records of its run: conditions, provenance, ranges of its data, shared errors.
 
-Ranges are those of means where a method uses means, and of samples where a method follows samples:
-gyros on a turntable or between rests, accelerometers while a turntable holds.
+Ranges are those of means where a method uses means of rests or of constant rates, and of samples
+where rates change or a method follows samples: gyros during turns, on a turntable or between rests,
+accelerometers while a turntable holds.
 
 Only errors that the run file states are shared with other calibrations of the same bench
 (`SharedError`). An error that a run estimates from its own data, such as the clock of a separate
@@ -30,6 +31,7 @@ from inercal.io.column_table import file_sha256
 from inercal.io.simulation_mark import read_simulation_mark
 from inercal.parameters import Parameter
 from inercal.pipeline.qualified_errors import qualified_errors
+from inercal.plan import Turn
 from inercal.runfile import Run
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
@@ -130,9 +132,25 @@ def _readings(sensor: Sensor, inputs: EstimatorInput, kind: str) -> Iterator[Arr
             yield (reading if kind == "w" else reading[..., track.hold[part] >= 0, :])[..., at]
         return
     yield observations.mean[..., at]
+    if kind == "w":
+        yield from _turning(sensor, inputs, at)
     if transitions is not None and kind == "w":
         for start, stop in zip(transitions.start.tolist(), transitions.stop.tolist(), strict=True):
             yield sensor.to_si(transitions.output[start : stop + 1])[:, at]
+
+
+def _turning(sensor: Sensor, inputs: EstimatorInput, at: list[int]) -> Iterator[Array]:
+    """Yield the readings of gyros, SI, during turns: the mean of a turn hides its rate."""
+    recording = inputs.recording
+    turns = {step.label for step in inputs.steps if isinstance(step, Turn)}
+    if recording is None or not turns:
+        return
+    columns = [recording.channels.index(sensor.channels[k]) for k in at]
+    for mark in inputs.marks:
+        if mark.label in turns:
+            yield sensor.select_axes("w").to_si(
+                recording.data[..., mark.start : mark.stop, columns]
+            )
 
 
 def _temperatures(inputs: EstimatorInput) -> Iterator[Array]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
-from inercal.calibration.temperature_curves import temperatures_outside
+from inercal.calibration.temperature_range import temperatures_outside
 from inercal.data import recording_loader
 from inercal.data.recording_loader import readback_columns, reader_columns
 from inercal.errors import InputError
@@ -17,7 +17,7 @@ from inercal.methods import METHODS
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
 from inercal.recording import Finding, Recording, ahead_of_lag
 from inercal.runfile import Run, read
-from inercal.units import ZERO_CELSIUS, to_si
+from inercal.units import ZERO_CELSIUS
 
 _ALL = 3  # axes that measure every component
 _MARGIN = 0.01  # of the range of the rates
@@ -165,6 +165,7 @@ def apply(
         recording,
         f=zero if 0 < count["f"] < _ALL else None,
         w=zero if 0 < count["w"] < _ALL else None,
+        extrapolate=extrapolate,
     )
     beyond = _rates_beyond(calibration, recording)
     named = readback_columns(run)
@@ -200,8 +201,7 @@ def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
     """
     if corrected.temperature is not None:
         unit: str = run.data.temperature_unit
-        zero, one = to_si(np.array([0.0, 1.0]), unit, "K").tolist()
-        own = (corrected.temperature - zero) / (one - zero)
+        own = run.data.thermometer.values(corrected.temperature)
         # Sums with 273.15 leave digits that no sensor has.
         own: Array = np.round(own, _TEMPERATURE_DECIMALS)
         readback = {f"temperature [{unit}]": own, **corrected.readback}

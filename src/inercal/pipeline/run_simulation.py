@@ -28,7 +28,7 @@ from inercal.pipeline.chamber_simulation import (
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import Axis, Sensor
-from inercal.units import si_factor, to_si
+from inercal.units import si_factor
 
 _ROUNDING = 1e-9
 _MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
@@ -196,9 +196,7 @@ def apply_data_columns(run: Run, recording: Recording) -> Recording:
         for name, column, _ in reader_columns(run).readback
     }
     if recording.temperature is not None:
-        unit = run.data.temperature_unit
-        zero, one = to_si(np.array([0.0, 1.0]), unit, "K").tolist()
-        own = (recording.temperature - zero) / (one - zero)
+        own = run.data.thermometer.values(recording.temperature)
         readback = {str(run.data.temperature): own, **readback}
         recording = replace(recording, temperature=None)
     channels = tuple(named[name] for name in recording.channels)

@@ -3,10 +3,13 @@
 from collections.abc import Collection, Sequence
 from typing import Any, Literal
 
+import numpy as np
+
 from inercal.environment import ChamberProfile, Environment
 from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.methods import Method
+from inercal.recording.temperature_readout import first_impossible, impossible_text
 from inercal.runfile.schema import EnvironmentSection, RunSchema
 from inercal.section_settings import key_error, measured_constant, si_value
 from inercal.sensors import Sensor
@@ -155,7 +158,7 @@ def stated_environment(
     _require_used(section, schema, sensor, chosen)
     lag = _stated_lag(section, chosen)
     profile = ChamberProfile(
-        tuple(si_value(t, "°C", "[environment] temperatures") for t in section.temperatures),
+        _possible_temperatures(section, allowed=schema.data.allow_temperature),
         _positive(section, "ramp_rate", "K/s"),
         _positive(section, "wait", "s"),
         _positive(section, "case_time", "s"),
@@ -169,6 +172,16 @@ def stated_environment(
         profile,
         _positive(section, "warm_up", "s"),
     )
+
+
+def _possible_temperatures(section: EnvironmentSection, *, allowed: bool) -> tuple[float, ...]:
+    """Return the temperatures of a simulation, K; refuse one that is not possible."""
+    key = "[environment] temperatures"
+    kelvin = tuple(si_value(t, "°C", key) for t in section.temperatures)
+    bad = first_impossible(np.array(kelvin), allowed=allowed)
+    if bad is not None:
+        raise key_error(key, f"{section.temperatures[bad]!r} is {impossible_text(kelvin[bad])}")
+    return kelvin
 
 
 def _stated_lag(section: EnvironmentSection, chosen: Method[Any, Any]) -> Measured | None:

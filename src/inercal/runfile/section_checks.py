@@ -9,6 +9,7 @@ from inercal.errors import InputError
 from inercal.methods import Method
 from inercal.plan import Step, Turn
 from inercal.recording import Finding
+from inercal.recording.temperature_readout import COUNTS
 from inercal.runfile.schema import DataSection, MethodSection, ReadoutSection, RunSchema
 from inercal.section_settings import (
     MISSING_GRAVITY,
@@ -138,7 +139,9 @@ def sampling_rate(data: DataSection) -> float | None:
     if data.time_unit != "sample":
         si_value(f"1 {data.time_unit}", "s", "[data] time_unit")
     if data.temperature is not None:
-        si_value(f"1 {data.temperature_unit}", "K", "[data] temperature_unit")
+        if data.temperature_unit not in COUNTS:
+            si_value(f"1 {data.temperature_unit}", "K", "[data] temperature_unit")
+        _ = data.thermometer
     if data.rate is None:
         return None
     rate = si_value(data.rate, "Hz", "[data] rate")

@@ -7,7 +7,9 @@ The sensor rests while its temperature moves, by a chamber or by itself. Of each
 b is the polynomial of the coefficients beyond the constant, R what the temperature sensor reads, τ
 its lag, common to all axes, and a a constant: of a gyro the bias and what it senses of the earth's
 rate, of an accelerometer the bias and its part of gravity. The noise is that which [sensor] states;
-generalised least squares weigh blocks of samples by it.
+generalised least squares weigh blocks of samples by it. A thermometer that reports whole or half
+degrees is followed along the instants at which its reading changes, on a one-way ramp
+(`inercal.methods.temperature_ramp.node_fit`).
 
 Only biases are found: scale factors need motion. Of an accelerometer that reads the vertical part
 f of gravity the result is b(T) + s(T) f.
@@ -19,20 +21,18 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.benches import Hand
-from inercal.earth import EARTH_RATE
 from inercal.environment import Environment
 from inercal.environment.common_errors import with_temperature_shift
-from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.keys import ErrorName
+from inercal.estimate import Estimate, Gaussian
 from inercal.methods._base import Method
-from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel, ramp_model
+from inercal.methods.temperature_ramp.node_fit import fit_along_nodes
+from inercal.methods.temperature_ramp.ramp_fit import fit_ramp
+from inercal.methods.temperature_ramp.ramp_model import ramp_model
 from inercal.methods.temperature_ramp.ramp_remarks import remarks
+from inercal.methods.temperature_ramp.thermometer_steps import TRUNCATION
 from inercal.plan import Hold
 from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
-
-WIDEST_LAG = 300.0  # s, standard deviation of a lag that is not stated
-_NATURAL = {"f": G0, "w": 1.0}
+from inercal.sensors import Sensor
 
 
 def rest(seconds: float = 3600.0) -> tuple[Hold, ...]:
@@ -68,59 +68,16 @@ def ramp(
     ------
     InputError
         No temperature, no white noise, too short a recording, or a warm-up of a one-way ramp.
+    NotObserved
+        A lag that a coarse thermometer does not determine on a one-way ramp.
     """
     model = ramp_model(observations, sensor, environment)
     found = environment or Environment("ramp")
-    stated = [*priors, *_nuisance_priors(model, found)]
-    names, rows = model.names, model.blocks.time.size * len(sensor.axes)
-    scale = np.array([*sensor.unit_scale, *(_size(name, sensor) for name in model.nuisances)])
-    # At zero coefficients the lag has no effect: the search starts from the fit without lag.
-    start = np.zeros(len(names))
-    if LAG in model.nuisances:
-        start[-1] = 0.0 if found.lag is None else found.lag.value
-    residual, jacobian = model.linearise(start)
-    free = [k for k, name in enumerate(names) if name != LAG]
-    by = np.linalg.lstsq(jacobian[:, free] * scale[free], residual, rcond=1e-12)[0]
-    start[free] += by * scale[free]
-    estimate = least_squares(
-        Problem(
-            names,
-            start,
-            model.linearise,
-            np.ones(rows),
-            scale,
-            priors=tuple(stated),
-            wanted=sensor.coefficients,
-        )
-    )
+    fit = fit_ramp if model.blocks.course is None else fit_along_nodes
     # Thousands of residuals of blocks have no names of rows that a report could print.
-    estimate = replace(estimate, residual=np.zeros(0), whitened=np.zeros(0))
-    return with_temperature_shift(estimate, sensor, found.temperature_sd)
-
-
-def _size(name: str, sensor: Sensor) -> float:
-    """Return the natural size of a nuisance, SI."""
-    if name == LAG:
-        return 100.0
-    axis = ErrorName(name).place
-    return _NATURAL[next(a.measures for a in sensor.axes if a.name == axis)]
-
-
-def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussian]:
-    """Return what is known of the constants and of the lag.
-
-    The attitude is unknown: a component of the earth's rate is 0 with Ω/√3, one of gravity with g,
-    and the bias of an accelerometer has a place in the constant alone.
-    """
-    result: list[Gaussian] = []
-    for axis in model.sensor.axes:
-        sd = EARTH_RATE / np.sqrt(3) if axis.measures == "w" else G0
-        result.append(Gaussian.independent((f"constant[{axis.name}]",), [0.0], [sd]))
-    if LAG in model.nuisances:
-        stated = environment.lag
-        value, sd = (0.0, WIDEST_LAG) if stated is None else (stated.value, stated.sd)
-        result.append(Gaussian.independent((LAG,), [value], [sd]))
-    return result
+    estimate = replace(fit(model, priors, found), residual=np.zeros(0), whitened=np.zeros(0))
+    sd = found.temperature_sd or TRUNCATION * model.blocks.step
+    return with_temperature_shift(estimate, sensor, sd)
 
 
 METHOD = Method(

@@ -9,15 +9,22 @@ both are means of one course with kernels of equal width: the smoothing that the
 the noise of the temperature sensor does not bias τ. White noise N, bias instability B and random
 walk K of an axis give the covariance of the weighted means; a constant of each axis is estimated
 beside, which takes the part of the drift that all blocks share.
+
+On a one-way ramp a thermometer that reports whole or half degrees says when it passes a step, and
+smoothing destroys that: there the course is a spline through the crossings, whose nodes are
+estimated (`inercal.methods.temperature_ramp.course_nodes`), and blocks are shorter and unweighted.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.methods.temperature_ramp.course_nodes import CourseNodes, course_nodes
+from inercal.methods.temperature_ramp.thermometer_steps import find_crossings, thermometer_step
 from inercal.recording import Track
 from inercal.segments.drift import even_drift_covariance
 from inercal.sensors import Noise, Sensor
@@ -29,11 +36,29 @@ _LONGER = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
 _NOISE_SHARE = 0.03  # of the squares of the rate beyond a cubic of the temperature
 MOST_BLOCKS = 1000  # the covariance of an axis has the square of it
 _LEAST_BLOCKS = 30
+_SHORTEST_BLOCK_OF_STEPS = 4.0  # s
+_COARSE_STEP = 0.04  # K
+_LEAST_CROSSINGS = 4
+
+
+class NodeMeans(NamedTuple):
+    """The nodes of a course, and what they give in the blocks.
+
+    Parameters
+    ----------
+    nodes : CourseNodes
+    kelvin, rate : (b, k) arrays
+        Means of R and dR/dt over each block per value of a node.
+    """
+
+    nodes: CourseNodes
+    kelvin: Array
+    rate: Array
 
 
 @dataclass(frozen=True, eq=False)
 class RampBlocks:
-    """Weighted means about each of b inner blocks of a recording at rest.
+    """Means over each of b blocks of a recording at rest, weighted about inner blocks or plain.
 
     Parameters
     ----------
@@ -45,6 +70,13 @@ class RampBlocks:
         SI.
     seconds : float
         Length of a block.
+    course : NodeMeans or None
+        Of a coarse thermometer on a one-way ramp: `kelvin` and `rate` are then those of its nodes
+        before the fit, and the means are plain.
+    samples : int
+        In a block.
+    step : float
+        Of a coarse thermometer, K; 0 of a fine one.
     """
 
     time: Array
@@ -52,6 +84,9 @@ class RampBlocks:
     rate: Array
     reading: Array
     seconds: float
+    samples: int
+    course: NodeMeans | None = None
+    step: float = 0.0
 
     @classmethod
     def from_track(cls, track: Track) -> "RampBlocks":
@@ -75,26 +110,50 @@ class RampBlocks:
             if found.noise_share <= _NOISE_SHARE or duration < 2 * _LEAST_BLOCKS * found.seconds:
                 break
             found = cls._of_length(track, factor * shortest)
-        return found
+        assert track.temperature is not None
+        step = thermometer_step(track.temperature)
+        if step is None or step < _COARSE_STEP:
+            return found
+        found = replace(found, step=step)
+        return (cls._along_steps(track, step) if found.is_monotonic else None) or found
 
     @classmethod
     def _of_length(cls, track: Track, length: float) -> "RampBlocks":
         assert track.temperature is not None
-        n, duration = track.time.size, float(track.time[-1] - track.time[0])
-        per_block = max(1, round(length * (n - 1) / duration))
-        count = n // per_block
-        used = count * per_block
-
-        def means(values: Array) -> Array:
-            return values[:used].reshape(count, per_block, *values.shape[1:]).mean(axis=1)
-
-        seconds, kelvin = per_block * duration / (n - 1), means(track.temperature)
+        cut = _Cut.of_length(track, length)
+        kelvin = cut.means(track.temperature)
         return cls(
-            means(track.time - track.time[0])[1:-1],
+            cut.means(track.time - track.time[0])[1:-1],
             _weighted(kelvin),
-            (kelvin[2:] - kelvin[:-2]) / (2 * seconds),
-            _weighted(means(track.reading)),
-            seconds,
+            (kelvin[2:] - kelvin[:-2]) / (2 * cut.seconds),
+            _weighted(cut.means(track.reading)),
+            cut.seconds,
+            cut.per_block,
+        )
+
+    @classmethod
+    def _along_steps(cls, track: Track, step: float) -> "RampBlocks | None":
+        """Return the blocks of a coarse thermometer; None where it crosses too few steps."""
+        assert track.temperature is not None
+        time, kelvin = track.time - track.time[0], track.temperature
+        period = float(time[-1]) / (time.size - 1)
+        ends = -0.5 * period, float(time[-1]) + 0.5 * period
+        crossings = find_crossings(time, kelvin, step).within(*ends)
+        if crossings.time.size < _LEAST_CROSSINGS:
+            return None
+        nodes = course_nodes(crossings, ends, float(kelvin[0]), float(kelvin[-1]))
+        cut = _Cut.of_length(track, max(_SHORTEST_BLOCK_OF_STEPS, float(time[-1]) / MOST_BLOCKS))
+        edges = ends[0] + cut.seconds * np.arange(cut.number + 1)
+        course = NodeMeans(nodes, *nodes.means(edges))
+        return cls(
+            cut.means(time),
+            course.kelvin @ nodes.kelvin,
+            course.rate @ nodes.kelvin,
+            cut.means(track.reading),
+            cut.seconds,
+            cut.per_block,
+            course,
+            step,
         )
 
     @property
@@ -114,10 +173,11 @@ class RampBlocks:
 
     def noise_covariance(self, noise: Noise) -> Array:
         """Return the covariance of the weighted means of an axis, (b, b) SI."""
-        count = self.time.size + 2
+        weighted = self.course is None
+        count = self.time.size + 2 * weighted
         blocks = noise.white**2 / self.seconds * np.eye(count)
         blocks += even_drift_covariance(noise, count, self.seconds)
-        return _weighted(_weighted(blocks).T)
+        return _weighted(_weighted(blocks).T) if weighted else blocks
 
     def whitening(self, sensor: Sensor) -> list[Array]:
         """Return L⁻¹ of each axis, (b, b), with the noise's covariance L Lᵀ.
@@ -165,6 +225,25 @@ class RampBlocks:
     def is_monotonic(self) -> bool:
         """Whether the temperature hardly comes back."""
         return min(self.rises, self.falls) < 0.5 * float(np.ptp(self.kelvin))
+
+
+class _Cut(NamedTuple):
+    """How samples are cut into blocks."""
+
+    per_block: int
+    number: int
+    seconds: float
+
+    @classmethod
+    def of_length(cls, track: Track, length: float) -> "_Cut":
+        n, duration = track.time.size, float(track.time[-1] - track.time[0])
+        per_block = max(1, round(length * (n - 1) / duration))
+        return cls(per_block, n // per_block, per_block * duration / (n - 1))
+
+    def means(self, values: Array) -> Array:
+        """Return the means over the blocks along the first axis."""
+        used = values[: self.number * self.per_block]
+        return used.reshape(self.number, self.per_block, *values.shape[1:]).mean(axis=1)
 
 
 def _weighted(blocks: Array) -> Array:

@@ -31,6 +31,9 @@ class RampModel(NamedTuple):
         s, where it is not estimated.
     warm_up : float
         Time constant of a warm-up, s; 0 is none.
+    node_shift : (k,) array or None
+        Of a coarse thermometer: by how much the nodes of its course differ from what they were
+        before the fit, K.
     """
 
     blocks: RampBlocks
@@ -39,6 +42,7 @@ class RampModel(NamedTuple):
     nuisances: tuple[str, ...]
     lag: float
     warm_up: float
+    node_shift: Array | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -51,12 +55,33 @@ class RampModel(NamedTuple):
 
     def temperature_offset(self, x: Array) -> Array:
         """Return ΔT of the sensing element at the blocks, (b,) K."""
-        kelvin = self.blocks.kelvin + self.lag_of(x) * self.blocks.rate
-        return kelvin - self.sensor.reference_temperature
+        kelvin, rate = self._course()
+        return kelvin + self.lag_of(x) * rate - self.sensor.reference_temperature
+
+    def node_effect(self, x: Array) -> Array:
+        """Return the derivatives of the temperature at the blocks to the nodes, (b, k)."""
+        course = self.blocks.course
+        assert course is not None
+        return course.kelvin + self.lag_of(x) * course.rate
+
+    def _course(self) -> tuple[Array, Array]:
+        """Return R and dR/dt at the blocks, (b,) K and K/s."""
+        blocks, shift = self.blocks, self.node_shift
+        if blocks.course is None or shift is None:
+            return blocks.kelvin, blocks.rate
+        return (
+            blocks.kelvin + blocks.course.kelvin @ shift,
+            blocks.rate + blocks.course.rate @ shift,
+        )
 
     def slope(self, x: Array, k: int) -> Array:
         """Return db/dT of axis k at the blocks, (b,) SI per K."""
         return self._of_axis(x, k)[1]
+
+    def largest_shift(self, x: Array, k: int, *, in_noise: bool = False) -> float:
+        """Return what a second of lag shifts the bias of axis k at most, SI or in its noise."""
+        shift = self.slope(x, k) * self.blocks.rate
+        return float(np.abs(self.whitening[k] @ shift if in_noise else shift).max())
 
     def residual(self, x: Array) -> Array:
         """Return the readings less those of the model, (b, m) SI."""
@@ -71,14 +96,14 @@ class RampModel(NamedTuple):
             jacobian, slope = self._of_axis(x, k)
             residuals.append(whitening @ (self.blocks.reading[:, k] - jacobian @ x))
             if LAG in self.nuisances:
-                jacobian[:, self.names.index(LAG)] = slope * self.blocks.rate
+                jacobian[:, self.names.index(LAG)] = slope * self._course()[1]
             jacobians.append(whitening @ jacobian)
         return np.concatenate(residuals), np.concatenate(jacobians)
 
     def _of_axis(self, x: Array, k: int) -> tuple[Array, Array]:
         """Return the derivatives of an axis but to the lag, (b, p), and its db/dT, (b,)."""
         blocks, names, axis = self.blocks, self.names, self.sensor.axes[k]
-        seen = {"dT": self.temperature_offset(x), "dTdt": blocks.rate}
+        seen = {"dT": self.temperature_offset(x), "dTdt": self._course()[1]}
         jacobian = np.zeros((blocks.time.size, len(names)))
         slope = np.zeros(blocks.time.size)
         for at, name in enumerate(self.sensor.coefficients):

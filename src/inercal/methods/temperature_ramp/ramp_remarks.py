@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.environment import Environment
 from inercal.methods._base import Fit, Remarks
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel, ramp_model
@@ -91,6 +92,9 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
         lag_sd = float(fit.estimate.std[model.names.index(LAG)])
         conditions["lag of the temperature"] = _lag_text(model.lag_of(x), lag_sd)
     notes = list(_lag_notes(model, x, lag_sd))
+    if blocks.step:
+        conditions["step of the thermometer"] = f"{blocks.step:.3g} K"
+        notes += _step_notes(model, fit.environment)
     if loops:
         notes.append(
             "half the loop between rising and falling temperature (conditions) is not corrected; "
@@ -138,17 +142,13 @@ def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
 
 def _steepest_axis(model: RampModel, x: Array) -> int:
     """Return the axis on which an error of the lag acts most, in units of its noise."""
-    effects = [
-        float(np.abs(whitening @ (model.slope(x, k) * model.blocks.rate)).max())
-        for k, whitening in enumerate(model.whitening)
-    ]
-    return int(np.argmax(effects))
+    axes = range(len(model.sensor.axes))
+    return max(axes, key=lambda k: model.largest_shift(x, k, in_noise=True))
 
 
 def _largest_shift(model: RampModel, x: Array, k: int) -> float:
     """Return what a second of lag shifts the bias of an axis at most, in its unit."""
-    size = BIAS_UNITS[model.sensor.axes[k].measures][0]
-    return float(np.abs(model.slope(x, k) * model.blocks.rate).max()) / size
+    return model.largest_shift(x, k) / BIAS_UNITS[model.sensor.axes[k].measures][0]
 
 
 def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
@@ -177,6 +177,27 @@ def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
         f"the temperature moves at {fastest:.2f} K/min at most; on {axis.name} {error}, and the "
         f"random walk of the bias over the run is {walk:.2g} {unit}"
     )
+
+
+def _step_notes(model: RampModel, environment: Environment | None) -> list[str]:
+    """Return what the steps of a coarse thermometer mean for the result."""
+    blocks, notes = model.blocks, list[str]()
+    if blocks.course is not None:
+        crossings = blocks.course.nodes.crossings
+        refreshed = ""
+        if crossings.refreshed > 1.5 * float(blocks.seconds / blocks.samples):
+            refreshed = f", which is renewed every {crossings.refreshed:.3g} s"
+        notes.append(
+            f"the thermometer reports steps of {blocks.step:.3g} K{refreshed}: its course is taken "
+            f"from the {crossings.time.size} instants at which its reading changes"
+        )
+    if environment is None or not environment.temperature_sd:
+        notes.append(
+            "whether the thermometer rounds or truncates is not known: truncated temperatures are "
+            f"{blocks.step / 2:.3g} K too low, all alike, and U includes this; state [environment] "
+            "temperature_sd where it is known"
+        )
+    return notes
 
 
 def _one_way_finding(model: RampModel, x: Array) -> Finding:

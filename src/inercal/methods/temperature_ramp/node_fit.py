@@ -1,0 +1,218 @@
+"""A ramp along the nodes of a coarse thermometer: the nodes are nuisances of the fit.
+
+At given coefficients and lag the nodes have a least-squares solution of their own. With it, the
+derivatives of all rows are triangularised, the nodes first: what is below their rows is the problem
+of coefficients and lag alone, with the same χ² and the same covariance as the joint one (variable
+projection: Golub and Pereyra 1973, SIAM J. Numer. Anal. 10, 413–432; Kaufman 1975, BIT 15, 49–57).
+
+The lag is what the first few τ of the warm-up say, in which R leaves its equilibrium; later R is an
+exponential, and b(R) fits as well as b(T). Where χ² without lag is hardly larger, the nodes have
+followed the noise: then neither the lag nor its uncertainty means anything.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.environment import Environment
+from inercal.errors import NotObserved
+from inercal.estimate import Estimate, Gaussian
+from inercal.keys import CoefficientName
+from inercal.methods.temperature_ramp.ramp_fit import solve_ramp
+from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
+from inercal.methods.temperature_ramp.thermometer_steps import is_one_exponential
+from inercal.sensors.coefficient_tables import BIAS_UNITS
+
+_ROUNDS = 30  # of the nodes at given coefficients
+_SETTLED = 1e-7  # of a node's standard uncertainty
+_STARTS = (5.0, 40.0)  # s, of the lag
+_NO_LAG = 0.5  # s
+LEAST_GAIN = 60.0  # of χ² by a lag; between the good and the bad cases that were simulated
+
+
+def fit_along_nodes(
+    model: RampModel, priors: Sequence[Gaussian], environment: Environment
+) -> Estimate:
+    """Return the estimate of a one-way ramp with a coarse thermometer.
+
+    A stated lag with its uncertainty is a prior where the data determine a lag, and is taken as
+    stated where they do not.
+
+    Parameters
+    ----------
+    model : RampModel
+        With the nodes of the thermometer's course.
+    priors : sequence of Gaussian
+        On coefficients.
+    environment : Environment
+
+    Raises
+    ------
+    NotObserved
+        The lag is not stated and not determined, or a coefficient of the temperature's rate is to
+        be estimated.
+    """
+    if model.sensor.uses("dTdt"):
+        raise _rate_not_observed(model)
+    if LAG not in model.nuisances:
+        return _fit(model, priors, environment, 0.0)
+    unstated = replace(environment, lag=None)
+    fits = [_fit(model, priors, unstated, start) for start in _STARTS]
+    best = min(fits, key=lambda one: (not one.converged, float(one.chi2)))
+    without = _fit(_with_lag(model, _NO_LAG), priors, unstated, 0.0)
+    gain = float(without.chi2) - float(best.chi2)
+    stated = environment.lag
+    if gain >= LEAST_GAIN:
+        lag = float(best.value[-1])
+        return best if stated is None else _fit(model, priors, environment, lag)
+    if stated is None:
+        raise _lag_not_observed(model, best.value, gain)
+    held = _fit(_with_lag(model, stated.value), priors, unstated, 0.0)
+    other = _fit(_with_lag(model, stated.value + stated.sd), priors, unstated, 0.0)
+    moved = np.append(other.value - held.value, stated.sd)
+    covariance = np.outer(moved, moved)
+    covariance[:-1, :-1] += held.covariance
+    return replace(
+        held,
+        names=model.names,
+        value=np.append(held.value, stated.value),
+        covariance=covariance,
+    )
+
+
+def _with_lag(model: RampModel, lag: float) -> RampModel:
+    """Return the model with a known lag, s."""
+    return model._replace(nuisances=tuple(n for n in model.nuisances if n != LAG), lag=lag)
+
+
+def _fit(
+    model: RampModel, priors: Sequence[Gaussian], environment: Environment, lag: float
+) -> Estimate:
+    rows = len(model.names) + 1
+    linearise = NodeProblem(model).linearise
+    estimate = solve_ramp(model, priors, environment, linearise, rows, lag)
+    # The rows that are left stand for all blocks: nodes have as many values as they have priors.
+    return replace(
+        estimate, dof=estimate.dof + model.blocks.time.size * len(model.sensor.axes) - rows
+    )
+
+
+def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
+    course = model.blocks.course
+    assert course is not None
+    crossings = course.nodes.crossings
+    begun = ""
+    if is_one_exponential(crossings):
+        begun = (
+            "the warm-up had already become one exponential: start recording before the "
+            "temperature changes; "
+        )
+    k = max(range(len(model.sensor.axes)), key=lambda k: model.largest_shift(x, k, in_noise=True))
+    axis = model.sensor.axes[k]
+    size, unit = BIAS_UNITS[axis.measures]
+    shift = model.largest_shift(x, k) / size
+    return NotObserved(
+        f"not observed: lag, the time by which the thermometer is behind. It reports steps of "
+        f"{crossings.step:.3g} K while the temperature goes one way, and without lag χ² is larger "
+        f"by only {max(gain, 0.0):.0f} (less than {LEAST_GAIN:g}): b(T) is shifted by b′ Ṫ τ, up "
+        f"to {shift:.2g} {unit} a second of lag on {axis.name}; {begun}go up and down, or state "
+        "[environment] lag with its uncertainty",
+        (LAG,),
+        key="[environment] lag",
+        names=(LAG,),
+    )
+
+
+def _rate_not_observed(model: RampModel) -> NotObserved:
+    course = model.blocks.course
+    assert course is not None
+    names = tuple(
+        n for n in model.sensor.coefficients if CoefficientName(n).parts[1].endswith("dTdt")
+    )
+    return NotObserved(
+        f"not observed: {', '.join(names)}. The thermometer reports steps of "
+        f"{course.nodes.crossings.step:.3g} K while the temperature goes one way; go up and down, "
+        "or leave these coefficients out",
+        names,
+        names=names,
+    )
+
+
+class _Rows(NamedTuple):
+    """Whitened residuals, and Jacobians to the parameters and to the nodes."""
+
+    residual: Array
+    jacobian: Array
+    by_node: Array
+
+    @property
+    def cost(self) -> float:
+        return float(self.residual @ self.residual)
+
+
+class NodeProblem:
+    """The whitened rows of a ramp with its nodes eliminated.
+
+    Parameters
+    ----------
+    model : RampModel
+        Of a coarse thermometer.
+    """
+
+    def __init__(self, model: RampModel):
+        course = model.blocks.course
+        assert course is not None
+        self._model, self._sd = model, course.nodes.sd
+        self._shift = np.zeros(self._sd.size)
+        # Of white noise the whitening is diagonal, and the products below are most of the work.
+        diagonals = [np.diag(one) for one in model.whitening]
+        self._white = all(
+            np.count_nonzero(one) == np.count_nonzero(diagonal)
+            for one, diagonal in zip(model.whitening, diagonals, strict=True)
+        )
+        self._diagonals = diagonals
+
+    def linearise(self, x: Array) -> tuple[Array, Array]:
+        """Return the p + 1 residuals that the nodes leave, and their Jacobian to x."""
+        rows = self._rows(x, self._shift)
+        for _ in range(_ROUNDS):
+            move = np.linalg.solve(rows.by_node.T @ rows.by_node, rows.by_node.T @ rows.residual)
+            tried = self._rows(x, self._shift + move)
+            while tried.cost > rows.cost and np.abs(move / self._sd).max() > _SETTLED:
+                move = np.asarray(0.5 * move, dtype=np.float64)
+                tried = self._rows(x, self._shift + move)
+            if tried.cost > rows.cost:
+                break
+            rows, self._shift = tried, self._shift + move
+            if np.abs(move / self._sd).max() < _SETTLED:
+                break
+        stacked = np.concatenate([rows.by_node, rows.jacobian, rows.residual[:, None]], axis=1)
+        nodes = self._sd.size
+        upper = np.asarray(np.linalg.qr(stacked, mode="r"))
+        left = upper[nodes:, nodes:]
+        return left[:, -1], left[:, :-1]
+
+    def _rows(self, x: Array, shift: Array) -> "_Rows":
+        """Return the rows of readings and nodes at x, with nodes that differ by a shift, K."""
+        model = self._model._replace(node_shift=shift)
+        residual, jacobian = model.linearise(x)
+        effect = model.node_effect(x)
+        if self._white:
+            by_node = [
+                (diagonal * model.slope(x, k))[:, None] * effect
+                for k, diagonal in enumerate(self._diagonals)
+            ]
+        else:
+            by_node = [
+                whitening @ (model.slope(x, k)[:, None] * effect)
+                for k, whitening in enumerate(model.whitening)
+            ]
+        known = np.diag(1 / self._sd)
+        return _Rows(
+            np.concatenate([residual, -shift / self._sd]),
+            np.concatenate([jacobian, np.zeros((shift.size, x.size))]),
+            np.concatenate([*by_node, known]),
+        )

@@ -1,0 +1,208 @@
+"""The steps of a coarse thermometer, and the instants at which its reading crosses between them.
+
+A thermometer that reports whole degrees says little by its readings and much by the instants at
+which they change: there the temperature is half way between two readings. Where the reading flips
+to and fro, its readings on either side are counted between the first flip and the last.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.units import ZERO_CELSIUS
+
+# A thermometer that truncates reads half a step less than one that rounds, and nothing in the data
+# tells which it does: 2 standard uncertainties are half a step.
+TRUNCATION = 0.25
+_QUIET = 0.1  # steps
+_ONE_EXPONENTIAL = 3.0  # χ² per degree of freedom
+_LEAST_READINGS_A_LEVEL = 4.0  # fewer: the values are noise and rounding of a fine thermometer
+_CLOSEST = 0.5  # K; between boundaries whose crossings are used
+_DIGITS = 6  # of the text of a temperature, at most
+_FLIPS_BELONG_WITHIN = 60.0  # s; flips of a boundary further apart are crossings of their own
+_FLIP_TIME = 2.5  # σ/|Ṙ|: how long a noise σ makes the reading flip
+
+
+class Crossings(NamedTuple):
+    """Where a thermometer's reading changed from one step to the next, c crossings.
+
+    Parameters
+    ----------
+    step : float
+        Of the thermometer, K.
+    spacing : float
+        Between the boundaries whose crossings are used, K: steps of a finer thermometer are taken
+        together, because more nodes follow the noise of the readings and bias the lag.
+    noise : float
+        Standard deviation of the thermometer's noise, K.
+    refreshed : float
+        Interval at which the reading is renewed, s; that of the samples where nothing is seen.
+    time : (c,) array
+        s, rising.
+    kelvin : (c,) array
+        Half way between two readings.
+    sd : (c,) array
+        Standard uncertainty of the temperature at these times, K.
+    """
+
+    step: float
+    spacing: float
+    noise: float
+    refreshed: float
+    time: Array
+    kelvin: Array
+    sd: Array
+
+    def within(self, begin: float, end: float) -> "Crossings":
+        """Return the crossings between two times, s."""
+        own = (self.time > begin) & (self.time < end)
+        return self._replace(time=self.time[own], kelvin=self.kelvin[own], sd=self.sd[own])
+
+
+def thermometer_step(kelvin: Array) -> float | None:
+    """Return the step of a thermometer, K; None where its readings are not even steps.
+
+    Parameters
+    ----------
+    kelvin : (n,) array
+    """
+    values = np.unique(kelvin)
+    if values.size < 3 or kelvin.size < _LEAST_READINGS_A_LEVEL * values.size:
+        return None
+    gaps = np.diff(values)
+    apart = gaps > 1e-7 * np.ptp(values)
+    values, gaps = values[np.concatenate([[True], apart])], gaps[apart]
+    step = float(np.median(gaps[gaps <= 1.5 * np.quantile(gaps, 0.05)]))
+    index = np.zeros(values.size)
+    for _ in range(20):
+        before, index = index, np.concatenate([[0.0], np.cumsum(np.rint(gaps / step))])
+        if np.array_equal(before, index):
+            break
+        step = float(np.polyfit(index, values, 1)[0])
+    rest: Array = values - np.polyval(np.polyfit(index, values, 1), index)
+    allowed = max(0.02 * step, min(0.35 * _text_resolution(values), 0.2 * step))
+    return step if float(np.sqrt((rest**2).mean())) <= allowed else None
+
+
+def _text_resolution(values: Array) -> float:
+    """Return the last decimal of temperatures as they were written in °C, K."""
+    celsius = values - ZERO_CELSIUS
+    for digits in range(_DIGITS):
+        if np.allclose(celsius, np.round(celsius, digits), rtol=0, atol=1e-7):
+            return 10.0**-digits
+    return 10.0**-_DIGITS
+
+
+def find_crossings(time: Array, kelvin: Array, step: float) -> Crossings:
+    """Return the crossings of a thermometer with steps.
+
+    Parameters
+    ----------
+    time, kelvin : (n,) arrays
+        s, K.
+    step : float
+        K.
+    """
+    period = float(time[-1] - time[0]) / (time.size - 1)
+    zero = float(kelvin[0])
+    level = np.rint((kelvin - zero) / step).astype(np.int64)
+    every = max(1, round(_CLOSEST / step))
+    nearest = 0 if level[-1] > 0 else -1  # the boundary that is crossed first
+    changes = time[1:][np.diff(level) != 0]
+    refreshed = max(_refresh_interval(changes, period), period)
+    found = [
+        (*one, zero + step * (low + 0.5))
+        for low in range(int(level.min()), int(level.max()))
+        if (low - nearest) % every == 0
+        for one in _of_boundary(time, level > low, period)
+    ]
+    found.sort()
+    at, flip_time, flips, between = (np.array(one) for one in zip(*found, strict=True))
+    at = at - 0.5 * (refreshed - period)
+    # Steps that were jumped over within one reading are one crossing, half way.
+    jumped = np.unique(at)
+    places = np.searchsorted(jumped, at)
+    count = np.bincount(places)
+    width, number, middle = (
+        np.bincount(places, weights=one) / count for one in (flip_time, flips, between)
+    )
+    speed = np.abs(np.gradient(middle, jumped)) if jumped.size > 1 else np.zeros(jumped.size)
+    noise = float(np.median(speed * width)) / _FLIP_TIME
+    sd = np.hypot(speed * refreshed / np.sqrt(12), 1.25 * noise / np.sqrt(number))
+    sd = np.hypot(sd, step * (count - 1) / np.sqrt(12))
+    sd[[0, -1]] = np.hypot(sd[[0, -1]], noise)
+    return Crossings(step, step * every, noise, refreshed, jumped, middle, sd)
+
+
+def is_one_exponential(crossings: Crossings) -> bool:
+    """Return whether a + b e^{−t/c} goes through all crossings within their uncertainties."""
+    if crossings.noise > _QUIET * crossings.step:
+        return False  # nothing is seen of the difference
+    time, weight = crossings.time - crossings.time[0], 1 / crossings.sd
+    dof = time.size - 3
+    if dof < 1:
+        return True
+    target: Array = weight * (crossings.kelvin - crossings.kelvin[0])
+
+    def chi2(logarithm: float) -> float:
+        decay = np.exp(-time / (time[-1] * np.exp(logarithm)))
+        shape = np.stack([weight, weight * decay], axis=-1)
+        basis: Array = np.linalg.qr(shape)[0]
+        return float(target @ target - np.square(target @ basis).sum())
+
+    low, high = -4.0, 3.0  # of the logarithm of c over the length
+    least = np.inf
+    for _ in range(8):
+        grid = np.linspace(low, high, 41)
+        found = np.array([chi2(one) for one in grid.tolist()])
+        middle, width = float(grid[found.argmin()]), (high - low) / 20
+        low, high, least = middle - width, middle + width, float(found.min())
+    return least / dof < _ONE_EXPONENTIAL
+
+
+def _of_boundary(
+    time: Array, above: NDArray[np.bool_], period: float
+) -> list[tuple[float, float, int]]:
+    """Return time, duration of the flips, and number of flips of each crossing of a boundary."""
+    flips = np.flatnonzero(np.diff(above)) + 1
+    apart = np.flatnonzero(np.diff(time[flips]) > max(_FLIPS_BELONG_WITHIN, 3 * period)) + 1
+    found: list[tuple[float, float, int]] = []
+    for group in np.split(flips, apart):
+        first, last = int(group[0]), int(group[-1])
+        if group.size % 2 == 0:
+            continue  # it came back: touched, and not crossed
+        short_of_it = int((above[first:last] != above[last]).sum())
+        begin = 0.5 * float(time[first - 1] + time[first])
+        duration = float(time[last] - time[first])
+        share = short_of_it / max(last - first, 1)
+        found.append((begin + share * duration, duration, group.size))
+    return found
+
+
+def _refresh_interval(changes: Array, period: float) -> float:
+    """Return the longest interval of which all changes are multiples apart, s; 0 if there is none.
+
+    The changes are seen by samples, so each is late by up to a period.
+    """
+    if changes.size < 8:
+        return 0.0
+    since = changes - changes[0]
+    longest = float(np.quantile(np.diff(changes), 0.5))
+    if longest <= 2 * period:
+        return 0.0
+    # An interval that is wrong by this much has drifted by a quarter of a period at the end.
+    points = int(np.log(longest / (2 * period)) * 4 * since[-1] / period) + 2
+    best = 0.0
+    for interval in np.array_split(np.geomspace(2 * period, longest, points), points // 4096 + 1):
+        phase = np.exp(2j * np.pi * since / interval[:, None])
+        middle = np.angle(phase.mean(axis=1))[:, None]
+        off = np.abs(np.angle(phase * np.exp(-1j * middle))) / (2 * np.pi) * interval[:, None]
+        fits = off.max(axis=1) <= 0.75 * period
+        # As many changes within so small a part of the interval must not be an accident.
+        likely = points * (1.5 * period / interval) ** (since.size - 1)
+        fits &= likely < 1e-3
+        if fits.any():
+            best = float(interval[fits].max())
+    return best

@@ -1,0 +1,73 @@
+"""Temperatures that are not possible: of data in memory, of a simulation, of a noise analysis."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.refusals import refused
+from tests.runs.test_environment_runs import RAMP, written
+
+import inercal
+from inercal.drafts.rest_recording import read_rest_recording
+from inercal.errors import InputError
+from inercal.runfile import read
+
+
+def means(*celsius: float, **keys: Any) -> inercal.Outcome:
+    """Calibrate six positions of means at these temperatures."""
+    face = np.concatenate([np.eye(3), -np.eye(3)]) + 1e-4
+    table = {"p": ["x_p", "y_p", "z_p", "x_a", "y_a", "z_a"], "temp": list(celsius)}
+    table |= {f"a{axis}": face[:, k] for k, axis in enumerate("xyz")}
+    return inercal.calibrate(
+        table,
+        method="six_position",
+        sensor={"accelerometer": {"unit": "g"}},
+        bench={"gravity": "9.80665 m/s² ± 0.001 m/s²", "tilt": "0.1 °"},
+        kind="means",
+        label="p",
+        accelerometer=["ax", "ay", "az"],
+        temperature="temp",
+        sd={"accelerometer": "0.2 mg"},
+        **keys,
+    )
+
+
+def test_data_in_memory_are_checked():
+    assert means(*[25.0] * 6)
+    with refused(InputError, names=("temp",)):
+        means(*[25.0] * 5, 604.0)
+    assert means(*[25.0] * 5, 604.0, allow_temperature=True)
+    with refused(InputError, names=("temp",)):
+        means(*[25.0] * 6, temperature_unit="K")
+    with refused(InputError, names=("temp",)):
+        means(*[-1812.0] * 6, allow_temperature=True)
+
+
+def test_keys_without_a_column_of_temperature_are_refused(tmp_path: Path):
+    for line in ("allow_temperature = true", 'temperature_scale = "340 LSB/K"'):
+        text = RAMP.replace('temperature = "temp"\n', f"{line}\n")
+        with pytest.raises(InputError):
+            read(written(tmp_path, text))
+
+
+@pytest.mark.parametrize("celsius", ["604 °C", "-300 °C"])
+def test_temperatures_of_a_simulated_chamber_are_checked(tmp_path: Path, celsius: str):
+    path = written(tmp_path, RAMP, {'"60 °C"': f'"{celsius}"'})
+    with refused(InputError, key="[environment] temperatures"):
+        read(path)
+
+
+def test_a_noise_analysis_leaves_out_raw_counts_that_nobody_named(tmp_path: Path):
+    rng = np.random.default_rng(1)
+    rows = np.column_stack(
+        [0.01 * np.arange(400), rng.normal([0, 0, 9.8], 0.01, (400, 3)), np.full(400, -1812.0)]
+    )
+    path = tmp_path / "a.csv"
+    np.savetxt(path, rows, "%.6g", ",", header="t,ax,ay,az,temp", comments="")
+    assert read_rest_recording(path, {}).temperature is None
+    with refused(InputError, names=("temp",)):
+        read_rest_recording(path, {"data.temperature": "temp"})
+    counts = {"data.temperature_unit": "LSB", "data.temperature_scale": "340 LSB/K"}
+    found = read_rest_recording(path, {**counts, "data.temperature_zero": "36.53 °C"})
+    assert found.temperature is not None
