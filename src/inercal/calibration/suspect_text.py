@@ -6,7 +6,7 @@ import numpy as np
 
 from inercal.calibration.detectability import coefficient_definition
 from inercal.calibration.grade import SuspectedCause
-from inercal.estimate.scores import SIGNIFICANCE_LEVEL, Kind
+from inercal.estimate.scores import Kind
 from inercal.parameters import Parameter
 from inercal.sensors import Sensor
 from inercal.units import format_quantity, format_value_and_uncertainty
@@ -71,13 +71,18 @@ def suspect_lines(
         more = len(one.indistinguishable) - _MAX_LISTED
         listed += f" and {more} more" if more > 0 else ""
         result.append(f"these data cannot distinguish {one.name} from: {listed}")
-    if one.remaining_p_value < SIGNIFICANCE_LEVEL:
-        result.append(
-            f"{one.name} alone does not explain the residuals: χ² = {one.remaining_chi2:.1f} with "
-            f"{one.remaining_dof} degrees of freedom remains; something else is wrong too, or the "
-            "noise is larger than stated"
-        )
     return result
+
+
+def best_cause_lines(one: SuspectedCause) -> list[str]:
+    """Return lines on the best of the causes tested, where it does not explain the residuals."""
+    return [
+        "no single cause explains the residuals: something changes that the model does not "
+        "contain, several things are wrong, or the noise is larger than stated",
+        f"the best of the causes tested is {one.name}: χ² would drop by {one.chi2:.1f}, but "
+        f"{one.remaining_chi2:.1f} with {one.remaining_dof} degrees of freedom would remain "
+        f"unexplained, p {p_value_text(one.remaining_p_value)}",
+    ]
 
 
 def _bench_suspect_text(

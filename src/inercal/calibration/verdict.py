@@ -19,7 +19,12 @@ from inercal.calibration.grade import (
     grade_estimate,
     is_far_from_nominal,
 )
-from inercal.calibration.suspect_text import CHANGE_PREFIX, p_value_text, suspect_lines
+from inercal.calibration.suspect_text import (
+    CHANGE_PREFIX,
+    best_cause_lines,
+    p_value_text,
+    suspect_lines,
+)
 from inercal.estimate import Estimate
 from inercal.estimate.scores import SIGNIFICANCE_LEVEL
 from inercal.keys import CoefficientName, ErrorName
@@ -75,10 +80,12 @@ def verdict(
     lines = _summary(estimate, assessment, p, wrong)
     if assessment.suspect is not None:
         lines += suspect_lines(assessment.suspect, sensor, expected, possible, row_word)
+    elif assessment.best is not None:
+        lines += best_cause_lines(assessment.best)
     elif assessment.scores_reject:
         lines.append(
-            "no single coefficient, bench parameter or row explains the residuals: the noise is "
-            "larger than stated, or something changes from row to row"
+            "no single cause explains the residuals: the noise is larger than stated, or something "
+            "changes from row to row"
         )
     lines += _outlier_row_lines(assessment, row_word)
     if not (estimate.consistent or estimate.groups):
@@ -265,10 +272,17 @@ def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -
                 f"the largest residual is {estimate.observations[worst]}, "
                 f"{format_value_and_uncertainty(0.0, largest)[1]} standard deviations"
             )
+    # What the coefficients take up, or what would be implausibly large, is no explanation.
+    useless = {
+        name
+        for score in estimate.score_tests.scores
+        if score.kind == "bench" and (not score.dof or score.is_implausible)
+        for name in score.components
+    }
     pulls = {
         name: abs(float(value - expected[name].value)) / expected[name].sd
         for name, value in zip(estimate.names, estimate.value, strict=True)
-        if name in expected and expected[name].sd > 0
+        if name in expected and expected[name].sd > 0 and name not in useless
     }
     name = max(pulls, key=lambda one: pulls[one], default="")
     if name and pulls[name] > _MIN_PULL:

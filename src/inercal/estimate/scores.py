@@ -45,6 +45,8 @@ SCORE_TEST_SHARE = 0.8  # of the level, for the scores; the rest is for χ² and
 PARALLEL_COSINE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
 _MOST = 6  # directions, for the share of the level
+_CONTRADICTION = 6.0  # standard deviations
+_LINEARISATION = 0.05  # relative error of what a score test explains: its size is of first order
 
 
 def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> float:
@@ -65,6 +67,29 @@ def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> f
         if known
         else scipy.special.fdtrc(dof, noise_dof, chi2 / dof)
     )
+
+
+def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: float) -> float:
+    """Return the probability of a χ² as large as what a candidate leaves; 1 without dof.
+
+    The size of a candidate is that of the first order, so that of a large cause some is left: a
+    noncentral χ² with a twentieth of the amplitude that was explained.
+
+    Parameters
+    ----------
+    remaining, dof : float and int
+        χ² that the candidate leaves, and its degrees of freedom.
+    explained : float
+        By how much χ² falls.
+    noise_dof : float
+        As of `chi2_tail_probability`.
+    """
+    if dof <= 0:
+        return 1.0
+    away = _LINEARISATION**2 * explained
+    if np.isinf(noise_dof):
+        return float(1 - scipy.special.chndtr(remaining, dof, away))
+    return float(1 - scipy.special.ncfdtr(dof, noise_dof, away, remaining / dof))
 
 
 class ModelTest(NamedTuple):
@@ -176,6 +201,8 @@ class ScoreTest:
         the candidate: by how much its largest plausible size would move it.
     explained : ExplainedResidual
         The part of the whitened residual that the candidate explains.
+    largest : (k,) array, optional
+        Of the candidate.
     """
 
     name: str
@@ -188,11 +215,20 @@ class ScoreTest:
     dof: int
     shift: Array
     explained: ExplainedResidual
+    largest: Array | None = None
 
     @property
     def p_value(self) -> float:
         """Probability of a fall of χ² at least as large where the candidate is zero."""
         return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+
+    @property
+    def is_implausible(self) -> bool:
+        """Whether a component is larger than the largest plausible size, by more than 6 sd."""
+        if self.largest is None:
+            return False
+        beyond = np.abs(np.nan_to_num(self.size)) - self.largest
+        return bool(np.any(beyond > _CONTRADICTION * np.nan_to_num(self.sd)))
 
     def cosine(self, other: "ScoreTest") -> float:
         """Return |cos| of the angle between what both explain; 0 where one explains nothing."""
