@@ -19,8 +19,9 @@ its size must be plausible: not beyond the largest plausible size by more than 6
 It is the suspect, a cause with a name, where what it leaves unexplained is not significant; else no
 single cause explains the residuals. Candidates whose explained residual lies within 30° of the
 suspect's cannot be distinguished from it. Among those that explain as much (χ² within 4) the
-suspect is the first in the order of possible remedies: a coefficient that the method can estimate,
-the bench, a change over the run, a row, other coefficients.
+first is named in the order of possible remedies: a coefficient that the method can estimate, the
+bench, a change over the run, a row, other coefficients; of two statements the one that departs less
+from what is stated of it, in its standard deviations.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -32,7 +33,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from inercal.advice import Advice
+from inercal.advice import Advice, Change
 from inercal.estimate import Estimate, ScoreTest
 from inercal.estimate.scores import (
     PARALLEL_COSINE,
@@ -93,6 +94,8 @@ class SuspectedCause:
         Remaining χ², and its degrees of freedom.
     remaining_p_value : float
         Probability of a χ² as large as the remaining one if this cause were the only one.
+    changes : tuple of Change
+        Of the candidate: keys of the run file that let the method estimate it.
     shift : float
         The largest shift that it causes in a coefficient, in units of that coefficient's U.
     shifted_coefficient : str
@@ -116,6 +119,7 @@ class SuspectedCause:
     shifted_coefficient: str
     indistinguishable: tuple[str, ...]
     remaining_p_value: float = 1.0
+    changes: tuple[Change, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -322,8 +326,10 @@ def _best_cause(
     logs = {score.name: _log_p(score) for score in convincing}
     least = min(logs.values())
 
-    def rank(score: ScoreTest) -> tuple[bool, int]:
-        return not set(score.components) <= set(possible), _KIND_ORDER.index(score.kind)
+    def rank(score: ScoreTest) -> tuple[bool, int, float]:
+        # Of two statements that would explain the same, the one that departs less is the likelier.
+        free = set(score.components) <= set(possible)
+        return not free, _KIND_ORDER.index(score.kind), score.departure
 
     # Candidates in the same direction of the data have equal p-values except for rounding.
     best = min(
@@ -334,6 +340,7 @@ def _best_cause(
         score
         for score in convincing
         if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
+        and score.dof <= best.dof  # a cause of more directions would explain more
         and best.cosine(score) >= PARALLEL_COSINE
         and not set(score.components) & set(best.components)
     ]
@@ -363,14 +370,13 @@ def _best_cause(
         estimate.names[most],
         tuple(alike),
         _remaining_p_value(score_tests, first),
+        first.changes,
     )
 
 
 def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
     left = max(score_tests.chi2 - score.chi2, 0.0)
-    return remaining_p_value(
-        left, score_tests.dof - score.dof, score.chi2, score_tests.noise_dof
-    )
+    return remaining_p_value(left, score_tests.dof - score.dof, score.chi2, score_tests.noise_dof)
 
 
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:

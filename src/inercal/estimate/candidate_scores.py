@@ -153,6 +153,8 @@ def _score_test(
         shift,
         ExplainedResidual(at, columns[at] @ size, taken @ size),
         one.largest,
+        one.stated_sds,
+        one.changes,
     )
     return score, u
 

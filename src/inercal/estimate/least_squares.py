@@ -160,7 +160,9 @@ def _whitened_candidates(
     return jacobian, list(whitened()) if isinstance(left_out, Sequence) else whitened()
 
 
-def _spanned_at_statements(system: WhitenedProblem, point: LinearisationPoint) -> frozenset[tuple[str, ...]]:
+def _spanned_at_statements(
+    system: WhitenedProblem, point: LinearisationPoint
+) -> frozenset[tuple[str, ...]]:
     """Return the candidates within what is estimated, where the fit contradicts its priors.
 
     A misfit pulls nuisances far from their priors. Derivatives there differ from row to row, so

@@ -35,6 +35,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from inercal.advice import Change
 from inercal.arrays import Array
 from inercal.estimate.lazy_value import LazyValue
 
@@ -129,6 +130,11 @@ class Candidate:
     largest : (k,) array, optional
         The largest plausible size of each component. A direction whose η at that size is below 3
         is not scored: what little the residuals show of it says nothing of its cause.
+    stated_sds : (k,) array, optional
+        The standard deviation of what is stated of each component, where that is a value; 0 where
+        it is stated as exact.
+    changes : tuple of Change
+        Keys of the run file that let the method estimate it, where they are known here.
     """
 
     name: str
@@ -138,6 +144,8 @@ class Candidate:
     rows: Array
     moved: Array | None = None
     largest: Array | None = None
+    stated_sds: Array | None = None
+    changes: tuple[Change, ...] = ()
 
     def without_zero_components(self) -> "Candidate":
         """Return the candidate without the components that act on no observation."""
@@ -149,6 +157,7 @@ class Candidate:
             rows=self.rows[:, acting],
             moved=None if self.moved is None else self.moved[:, acting],
             largest=None if self.largest is None else self.largest[acting],
+            stated_sds=None if self.stated_sds is None else self.stated_sds[acting],
         )
 
 
@@ -201,7 +210,7 @@ class ScoreTest:
         the candidate: by how much its largest plausible size would move it.
     explained : ExplainedResidual
         The part of the whitened residual that the candidate explains.
-    largest : (k,) array, optional
+    largest, stated_sds, changes
         Of the candidate.
     """
 
@@ -216,6 +225,8 @@ class ScoreTest:
     shift: Array
     explained: ExplainedResidual
     largest: Array | None = None
+    stated_sds: Array | None = None
+    changes: tuple[Change, ...] = ()
 
     @property
     def p_value(self) -> float:
@@ -229,6 +240,18 @@ class ScoreTest:
             return False
         beyond = np.abs(np.nan_to_num(self.size)) - self.largest
         return bool(np.any(beyond > _CONTRADICTION * np.nan_to_num(self.sd)))
+
+    @property
+    def departure(self) -> float:
+        """The largest departure from what was stated over what is stated of it; 0 of no statement.
+
+        Infinite where it was stated as exact.
+        """
+        if self.stated_sds is None:
+            return 0.0
+        size = np.abs(np.nan_to_num(self.size))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(np.max(np.where(size > 0, size / self.stated_sds, 0.0), initial=0.0))
 
     def cosine(self, other: "ScoreTest") -> float:
         """Return |cos| of the angle between what both explain; 0 where one explains nothing."""

@@ -25,6 +25,7 @@ from inercal.environment.common_errors import with_temperature_shift
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.keys import ErrorName
 from inercal.methods._base import Method
+from inercal.methods.temperature_ramp.ramp_candidates import ramp_candidates
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel, ramp_model
 from inercal.methods.temperature_ramp.ramp_remarks import remarks
 from inercal.plan import Hold
@@ -91,6 +92,7 @@ def ramp(
             scale,
             priors=tuple(stated),
             wanted=sensor.coefficients,
+            candidates=ramp_candidates(model),
         )
     )
     # Thousands of residuals of blocks have no names of rows that a report could print.
