@@ -14,14 +14,14 @@ tests where nothing is scored. The grade is::
 
 The best of the causes tested is the candidate with the smallest p-value, if it explains the
 residuals better than a scatter of all rows does: the remaining residuals agree with the stated
-noise, or are small compared with the explained part (F test). It must leave a degree of freedom, and
-its size must be plausible: not beyond the largest plausible size by more than 6 standard deviations.
-It is the suspect, a cause with a name, where what it leaves unexplained is not significant; else no
+noise, or are small compared with the explained part (F test). It must leave a degree of freedom,
+and its size must be plausible: not beyond the largest plausible size by more than 6 standard
+deviations. It is the suspect where what it leaves unexplained is not significant; otherwise no
 single cause explains the residuals. Candidates whose explained residual lies within 30° of the
-suspect's cannot be distinguished from it. Among those that explain as much (χ² within 4) the
-first is named in the order of possible remedies: a coefficient that the method can estimate, the
-bench, a change over the run, a row, other coefficients; of two statements the one that departs less
-from what is stated of it, in its standard deviations.
+suspect's cannot be distinguished from it. Of those that explain as much (χ² within 4, in no more
+directions) the first is named in the order of possible remedies: a coefficient that the method can
+estimate, the bench, a change over the run, a row, other coefficients; and of two statements the one
+that departs less from what is stated of it, in its standard deviations.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false

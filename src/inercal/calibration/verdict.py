@@ -5,6 +5,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from inercal.advice import Advice
+from inercal.calibration.advising import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
@@ -20,7 +22,6 @@ from inercal.calibration.grade import (
     is_far_from_nominal,
 )
 from inercal.calibration.suspect_text import (
-    CHANGE_PREFIX,
     best_cause_lines,
     p_value_text,
     suspect_lines,
@@ -53,6 +54,7 @@ def verdict(
     expected: Mapping[str, Parameter] = NO_PARAMETERS,
     possible: Collection[str] = (),
     row_word: str = "position or turn",
+    advisor: Advisor | None = None,
 ) -> Verdict:
     """Return the verdict; its first line is the summary.
 
@@ -68,7 +70,11 @@ def verdict(
         Full names of the coefficients that the method can estimate.
     row_word : str
         Word for a row of the data: "position or turn".
+    advisor : Advisor, optional
+        What gives advice that can be followed.
     """
+    advisor = advisor or PlainAdvisor(possible, row_word)
+    advice: list[Advice] = []
     p = len(sensor.coefficients)
     assessment = assess(estimate, p, possible)
     scales = {
@@ -79,7 +85,8 @@ def verdict(
     wrong = bool(scales) or any(one.severity == "refused" for one in findings)
     lines = _summary(estimate, assessment, p, wrong)
     if assessment.suspect is not None:
-        lines += suspect_lines(assessment.suspect, sensor, expected, possible, row_word)
+        advice.append(advisor.on_cause(assessment.suspect))
+        lines += suspect_lines(assessment.suspect, sensor, expected, advice[-1])
     elif assessment.best is not None:
         lines += best_cause_lines(assessment.best)
     elif assessment.scores_reject:
@@ -96,10 +103,18 @@ def verdict(
         f"{name} is {scale:.3g} times nominal: {_scale_error_cause(name, scale)}"
         for name, scale in scales.items()
     ]
-    lines += _undetectable_lines(estimate, sensor, expected, possible, row_word, assessment.suspect)
+    unseen, unseen_advice = _undetectable_lines(
+        estimate, sensor, expected, possible, row_word, assessment.suspect, advisor
+    )
+    lines += unseen
+    advice += unseen_advice
     lines += estimate.notes
+    for finding in findings:
+        if finding.changes and (tried := advisor.on_changes(Advice(finding.what, finding.changes))):
+            advice.append(tried)
+            lines.append(f"to estimate it: {changes_text(tried.changes)}")
     lines += [f.message for f in findings if f.severity == "warning"]
-    return grade_estimate(estimate, assessment, findings, tuple(scales), tuple(lines))
+    return grade_estimate(estimate, assessment, findings, tuple(scales), tuple(lines), advice)
 
 
 def _scale_error_cause(name: str, scale: float) -> str:
@@ -192,8 +207,11 @@ def _undetectable_lines(
     possible: Collection[str],
     row_word: str,
     suspect: SuspectedCause | None,
-) -> list[str]:
+    advisor: Advisor,
+) -> tuple[list[str], list[Advice]]:
     """Return a line on omitted causes that no test of these data can detect: U does not hold them.
+
+    Also returns advice on those that the method can estimate.
 
     The suspect is excluded: a test has detected it.
     """
@@ -211,9 +229,13 @@ def _undetectable_lines(
         if np.isfinite(one.size):
             parts[k] += f" ({_undetected_size_text(sensor, one)})"
     texts: list[str] = []
+    advice: list[Advice] = []
     if parts:
         free = [one.name for one in found if one.component in possible]
-        tail = f"; the method can estimate {', '.join(free)} ([method] also)" if free else ""
+        tail = ""
+        if free and (given := advisor.on_coefficients(free)):
+            advice.append(given)
+            tail = f"; the method can estimate {given.reason}: {changes_text(given.changes)}"
         texts.append(
             f"{UNDETECTED_START} (in brackets the size that shifts a coefficient by "
             f"5 u{UNDETECTED_END}{', '.join(parts)}{tail}"
@@ -223,7 +245,7 @@ def _undetectable_lines(
             f"these data cannot show an error of {', '.join(exact)}, which the run file takes as "
             "exact: state its uncertainty"
         )
-    return ["; ".join(texts)] if texts else []
+    return (["; ".join(texts)] if texts else []), advice
 
 
 def _undetected_size_text(sensor: Sensor, one: UndetectableCause) -> str:

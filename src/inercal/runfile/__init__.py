@@ -122,6 +122,8 @@ class Run:
         The qualifications of the bench.
     check_standard : str
         State of the bench's check standard, in words; empty where none is stated.
+    sections : mapping of str to object
+        The sections as the run file states them.
     """
 
     path: Path
@@ -149,6 +151,7 @@ class Run:
     temperature_order: TemperatureOrder = None
     qualified: UsedQualifications = NO_QUALIFICATIONS
     check_standard: str = ""
+    sections: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -313,7 +316,7 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
     except ValidationError as error:
         raise schema_error(error, content, model) from None
     run = _build_run(path, digest, schema, KINDS[kind], used)
-    return replace(run, reader_options=options)
+    return replace(run, reader_options=options, sections=content)
 
 
 def _build_run(

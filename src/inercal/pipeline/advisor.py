@@ -1,0 +1,204 @@
+"""Advice that was followed before it is given: the run with changed keys is calibrated again.
+
+A change that the run file, the plan or the data refuse is no advice, nor is one by which χ² falls
+far less than the cause explains. Of coefficients that no test shows, a recording is not calibrated
+again: it would take as long as the calibration itself.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from math import ceil, floor, log10
+
+import numpy as np
+
+from inercal.advice import Advice, Change, with_changes
+from inercal.benches.key_declarations import declarations
+from inercal.calibration.advising import action_on, also
+from inercal.calibration.grade import SuspectedCause
+from inercal.errors import InercalError
+from inercal.estimate import Estimate
+from inercal.keys import ErrorName
+from inercal.parameters import Parameter
+from inercal.runfile import Run, from_sections
+from inercal.units import Measured
+
+_ENOUGH = 0.9  # of the fall of χ² that a cause explains
+_HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
+# Keys of parameters that no line of a bench declares.
+_KEYS = {"g": "gravity", "earth_up": "latitude", "index": "indexing"}
+_UNITS = {"rad": ("rad", 1.0), "1": ("ppm", 1e6), "m": ("m", 1.0), "s": ("s", 1.0)}
+_UNITS |= {"m/s²": ("m/s²", 1.0), "rad/s": ("rad/s", 1.0)}
+
+
+class RunAdvisor:
+    """Advice on one run.
+
+    Parameters
+    ----------
+    run : Run
+        As the run file states it.
+    estimate : Estimate
+    expected : mapping of str to Parameter
+        The bench's parameters by full name.
+    possible : sequence of str
+        Full names of the coefficients that the method can estimate.
+    row_word : str
+        Word for a row of the data.
+    calibrated : callable
+        From a run to its estimate.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        estimate: Estimate,
+        expected: Mapping[str, Parameter],
+        possible: Sequence[str],
+        row_word: str,
+        calibrated: Callable[[Run], Estimate],
+    ) -> None:
+        self._run, self._estimate, self._expected = run, estimate, expected
+        self._possible, self._row_word, self._calibrated = possible, row_word, calibrated
+
+    def on_cause(self, cause: SuspectedCause) -> Advice:
+        """Return the keys that count or estimate a cause; an action where none do."""
+        before = self._estimate.score_tests.chi2
+        for changes in self._alternatives(cause):
+            completed = self._completed(changes)
+            after = self._chi2_after(completed)
+            if after is not None and before - after > _ENOUGH * cause.chi2 - cause.dof:
+                return Advice(cause.name, completed, chi2=after)
+        return Advice(cause.name, action=action_on(cause, self._row_word))
+
+    def on_coefficients(self, names: Sequence[str]) -> Advice | None:
+        """Return the key that estimates coefficients of which no test shows anything, if any."""
+        shown = {
+            name
+            for score in self._estimate.score_tests.scores
+            if score.dof == len(score.components)
+            for name in (score.name, *score.components)
+        }
+        accepted: tuple[str, ...] = ()
+        for name in names:
+            if name in shown and self._is_accepted((*accepted, name)):
+                accepted = (*accepted, name)
+        if not accepted:
+            return None
+        return Advice(", ".join(accepted), self._completed((also(accepted),)))
+
+    def on_changes(self, advice: Advice) -> Advice | None:
+        """Return the advice of a method with its key completed, if it can be followed."""
+        completed = self._completed(advice.changes)
+        after = self._chi2_after(completed)
+        if after is None or after > self._estimate.score_tests.chi2:
+            return None
+        return replace(advice, changes=completed, chi2=after)
+
+    def _is_accepted(self, names: tuple[str, ...]) -> bool:
+        changes = self._completed((also(names),))
+        if self._run.data.kind == "means":
+            return self._chi2_after(changes) is not None
+        try:
+            self._changed_run(changes)
+        except InercalError:
+            return False
+        return True
+
+    def _chi2_after(self, changes: tuple[Change, ...]) -> float | None:
+        """Return χ² of the run with changes; None where it is refused."""
+        try:
+            estimate = self._calibrated(self._changed_run(changes))
+        except InercalError:
+            return None
+        return estimate.score_tests.chi2
+
+    def _changed_run(self, changes: tuple[Change, ...]) -> Run:
+        run = self._run
+        return from_sections(run.path, with_changes(run.sections, changes), run.sha256)
+
+    def _completed(self, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+        """Return changes with the coefficients that the run file adds already."""
+        stated = self._run.sections.get("method", {}).get("also", ())
+        return tuple(
+            replace(one, value=list(dict.fromkeys((*stated, *one.value))))
+            if (one.section, one.key) == ("method", "also")
+            else one
+            for one in changes
+        )
+
+    def _alternatives(self, cause: SuspectedCause) -> list[tuple[Change, ...]]:
+        """Return changes that may count a cause, the shortest first."""
+        if cause.changes:
+            return [cause.changes]
+        if cause.kind == "coefficient" and set(cause.components) <= set(self._possible):
+            tilted = Change("sensor", "form", "tilted")
+            words = dict.fromkeys(((cause.name,), cause.components))
+            return [
+                *((also(one),) for one in words),
+                *((also(one), tilted) for one in words),
+            ]
+        return [changes] if cause.kind == "bench" and (changes := self._of_bench(cause)) else []
+
+    def _of_bench(self, cause: SuspectedCause) -> tuple[Change, ...]:
+        """Return the keys of [bench] with deviations as large as the parameters depart."""
+        sizes: dict[str, tuple[str, float]] = {}
+        stated = self._run.sections.get("bench", {})
+        harmonics = list(stated.get("harmonics", ("1 ″", "1 ″")))
+        for full, size, unit in zip(cause.components, cause.sizes, cause.units, strict=True):
+            if not np.isfinite(size) or unit not in _UNITS:
+                return ()
+            name = ErrorName(full).name
+            if harmonic := _HARMONIC.fullmatch(name):
+                order = int(harmonic[1])
+                harmonics += ["0 ″"] * (order - len(harmonics))
+                sizes["harmonics"] = (full, max(abs(size), sizes.get("harmonics", ("", 0.0))[1]))
+                harmonics[order - 1] = f"{_rounded_up(sizes['harmonics'][1])} rad"
+                continue
+            key = self._key(name)
+            if key not in sizes or abs(size) > sizes[key][1]:
+                sizes[key] = (full, abs(size))
+        return tuple(
+            Change("bench", key, harmonics)
+            if key == "harmonics"
+            else Change("bench", key, self._text(stated.get(key), full, size))
+            for key, (full, size) in sizes.items()
+        )
+
+    def _key(self, name: str) -> str:
+        """Return the key of [bench] that states a parameter."""
+        bench = self._run.bench
+        for field, one in declarations(type(bench)).items():
+            names = [field] if isinstance(one.parameters, str) else one.parameters
+            if name in names:
+                return one.key or field
+        stem = re.sub(r"(_[xyz12]|\d)$", "", name)
+        return _KEYS.get(stem, stem)
+
+    def _text(self, stated: str | None, full: str, size: float) -> str:
+        """Return a deviation, or a measured constant with a deviation, as a run file has it."""
+        parameter = self._expected.get(full)
+        name = ErrorName(full).name
+        unit, factor = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
+        deviation = f"{_rounded_up(size * factor)} {unit}"
+        value = getattr(self._run.bench, {"g": "gravity"}.get(name, name), None)
+        if not isinstance(value, Measured):
+            return deviation
+        before = stated.partition("±")[0].strip() if stated else ""
+        known = value.value if parameter is None else parameter.value
+        return f"{before or f'{known!r} {unit}'} ± {deviation}"
+
+    def _unit(self, full: str) -> str:
+        scores = self._estimate.score_tests.scores
+        return next(
+            unit
+            for score in scores
+            for name, unit in zip(score.components, score.units, strict=True)
+            if name == full
+        )
+
+
+def _rounded_up(size: float) -> str:
+    """Return a positive number with two digits, not smaller."""
+    step = 10.0 ** (floor(log10(size)) - 1)
+    return f"{ceil(size / step) * step:.6g}"
