@@ -38,6 +38,16 @@ class Advice:
     action: str = ""
     chi2: float | None = None
 
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """The words that are added to [method] also."""
+        return tuple(
+            word
+            for one in self.changes
+            if (one.section, one.key) == ("method", "also")
+            for word in one.value
+        )
+
 
 def with_changes(sections: Mapping[str, Any], changes: tuple[Change, ...]) -> dict[str, Any]:
     """Return the sections of a run file with changed keys; the section "sensor.gyro" is nested.

@@ -109,8 +109,12 @@ def verdict(
     lines += unseen
     advice += unseen_advice
     lines += estimate.notes
+    given = {word for one in advice for word in one.coefficients}
     for finding in findings:
-        if finding.changes and (tried := advisor.on_changes(Advice(finding.what, finding.changes))):
+        words = Advice(finding.what, finding.changes).coefficients
+        if set(words) - given and (
+            tried := advisor.on_changes(Advice(finding.what, finding.changes))
+        ):
             advice.append(tried)
             lines.append(f"to estimate it: {changes_text(tried.changes)}")
     lines += [f.message for f in findings if f.severity == "warning"]

@@ -24,11 +24,13 @@ from inercal.runfile import Run, from_sections
 from inercal.units import Measured
 
 _ENOUGH = 0.9  # of the fall of χ² that a cause explains
+_SAME = 1.0  # of χ²
+_PRIOR = "prior of "  # begins the name of the prior of a coefficient
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
 # Keys of parameters that no line of a bench declares.
-_KEYS = {"g": "gravity", "earth_up": "latitude", "index": "indexing"}
+_KEYS = {"g": "gravity", "earth_up": "latitude", "index": "indexing", "rate": "rate_error"}
 _UNITS = {"rad": ("rad", 1.0), "1": ("ppm", 1e6), "m": ("m", 1.0), "s": ("s", 1.0)}
-_UNITS |= {"m/s²": ("m/s²", 1.0), "rad/s": ("rad/s", 1.0)}
+_UNITS |= {"m/s²": ("m/s²", 1.0), "rad/s": ("rad/s", 1.0), "(m/s²)⁻¹": ("1/(m/s²)", 1.0)}
 
 
 class RunAdvisor:
@@ -63,13 +65,18 @@ class RunAdvisor:
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
         """Return the keys that count or estimate a cause; an action where none do."""
-        before = self._estimate.score_tests.chi2
+        before, best = self._estimate.score_tests.chi2, None
         for changes in self._alternatives(cause):
             completed = self._completed(changes)
             after = self._chi2_after(completed)
-            if after is not None and before - after > _ENOUGH * cause.chi2 - cause.dof:
-                return Advice(cause.name, completed, chi2=after)
-        return Advice(cause.name, action=action_on(cause, self._row_word))
+            if after is None or before - after < _ENOUGH * cause.chi2 - cause.dof:
+                continue
+            # More keys only for what they explain beyond fewer.
+            if best is None or best.chi2 is None or after < best.chi2 - _SAME:
+                best = Advice(cause.name, completed, chi2=after)
+            if after < cause.remaining_chi2 + _SAME:
+                break
+        return best or Advice(cause.name, action=action_on(cause, self._row_word))
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
         """Return the key that estimates coefficients of which no test shows anything, if any."""
@@ -79,9 +86,10 @@ class RunAdvisor:
             if score.dof == len(score.components)
             for name in (score.name, *score.components)
         }
-        accepted: tuple[str, ...] = ()
-        for name in names:
-            if name in shown and self._is_accepted((*accepted, name)):
+        chosen = tuple(name for name in names if name in shown)
+        accepted = chosen if chosen and self._is_accepted(chosen) else ()
+        for name in chosen if len(chosen) > 1 and not accepted else ():
+            if self._is_accepted((*accepted, name)):
                 accepted = (*accepted, name)
         if not accepted:
             return None
@@ -145,6 +153,8 @@ class RunAdvisor:
         sizes: dict[str, tuple[str, float]] = {}
         stated = self._run.sections.get("bench", {})
         harmonics = list(stated.get("harmonics", ("1 ″", "1 ″")))
+        if cause.components[0].startswith(_PRIOR):
+            return self._of_priors(cause)
         for full, size, unit in zip(cause.components, cause.sizes, cause.units, strict=True):
             if not np.isfinite(size) or unit not in _UNITS:
                 return ()
@@ -165,15 +175,27 @@ class RunAdvisor:
             for key, (full, size) in sizes.items()
         )
 
+    def _of_priors(self, cause: SuspectedCause) -> tuple[Change, ...]:
+        """Return priors of coefficients with deviations as large as the data depart from them."""
+        sensor, means = self._run.sensor, dict[str, float]()
+        for prior in self._run.priors:
+            means |= dict(zip(prior.names, prior.mean.tolist(), strict=True))
+        changes: list[Change] = []
+        for name, size in zip(cause.components, cause.sizes, strict=True):
+            full = name.removeprefix(_PRIOR)
+            line = sensor.coefficient(full)
+            text = f"{means[full] / line.si:.9g} ± {_rounded_up(abs(size) / line.si)} {line.unit}"
+            changes.append(Change("method.prior", full, text))
+        return tuple(changes)
+
     def _key(self, name: str) -> str:
         """Return the key of [bench] that states a parameter."""
-        bench = self._run.bench
-        for field, one in declarations(type(bench)).items():
+        for field, one in declarations(type(self._run.bench)).items():
             names = [field] if isinstance(one.parameters, str) else one.parameters
             if name in names:
                 return one.key or field
-        stem = re.sub(r"(_[xyz12]|\d)$", "", name)
-        return _KEYS.get(stem, stem)
+        stem = re.sub(r"(_[a-z12]|\d)$", "", name)
+        return _KEYS.get(name, _KEYS.get(stem, stem))
 
     def _text(self, stated: str | None, full: str, size: float) -> str:
         """Return a deviation, or a measured constant with a deviation, as a run file has it."""
