@@ -16,7 +16,14 @@ from tests.evidence.cases import (
     rate_table,
     turntable,
 )
-from tests.evidence.visibility_model import Case, Violation, Visibility, angle, angle_to_space
+from tests.evidence.visibility_model import (
+    Case,
+    Files,
+    Violation,
+    Visibility,
+    angle,
+    angle_to_space,
+)
 
 CASES: Mapping[str, Callable[[], Case]] = {
     "six_position": hand.six_position,
@@ -198,6 +205,12 @@ def count_answers(part: tuple[Cell, range]) -> Count:
 
 def calibrate_device(cell: Cell, k: int) -> graded_calibration.GradedCalibration:
     """Return what inercal said of one device of a cell."""
+    files, truth = device_files(cell, k)
+    return graded_calibration.calibrate_files(files, truth)
+
+
+def device_files(cell: Cell, k: int) -> tuple[Files, dict[str, float]]:
+    """Return the files of one device of a cell, and its coefficients by name, SI."""
     here = find_case(cell.case)
     rng = np.random.default_rng([cell.seed, k, crc32(f"{cell.case} {cell.violation}".encode())])
     values = here.draw(rng)
@@ -212,4 +225,4 @@ def calibrate_device(cell: Cell, k: int) -> graded_calibration.GradedCalibration
         for name, per_unit in violation.change.items():
             change = size * per_unit
             values[name] = values.get(name, 0.0) + change
-    return graded_calibration.calibrate_files(here.files(values, rng, gross), truth)
+    return here.files(values, rng, gross), truth

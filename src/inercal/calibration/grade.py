@@ -16,7 +16,9 @@ The best of the causes tested is the candidate with the smallest p-value, if it 
 residuals better than a scatter of all rows does: the remaining residuals agree with the stated
 noise, or are small compared with the explained part (F test). It must leave a degree of freedom,
 and its size must be plausible: not beyond the largest plausible size by more than 6 standard
-deviations. It is the suspect where what it leaves unexplained is not significant; otherwise no
+deviations. Where what is estimated takes up all but a thousandth of its effect, it must not depart
+from what is stated of it by more than 6 standard deviations. It is the suspect where what it leaves
+unexplained is not significant; otherwise no
 single cause explains the residuals. Candidates whose explained residual lies within 30° of the
 suspect's cannot be distinguished from it. Of those that explain as much (χ² within 4, in no more
 directions) the first is named in the order of possible remedies: a coefficient that the method can
@@ -349,7 +351,10 @@ def _best_cause(
     alike = [
         one.name
         for one in sorted(score_tests.scores, key=lambda one: -first.cosine(one))
-        if one not in related and one.dof and first.cosine(one) >= PARALLEL_COSINE
+        if one not in related
+        and one.dof
+        and not (one.is_implausible or one.contradicts_statement)
+        and first.cosine(one) >= PARALLEL_COSINE
     ]
     expanded = COVERAGE * estimate.std[:count]
     shift = np.abs(first.shift[:count]) / np.where(expanded > 0, expanded, np.inf)
@@ -382,12 +387,12 @@ def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
     """Return whether a candidate explains the residuals better than a scatter of all rows.
 
-    One that leaves no degree of freedom, or that is larger than anything plausible, explains
-    nothing.
+    One that leaves no degree of freedom, that is larger than anything plausible, or that
+    contradicts its own statement explains nothing.
     """
     score_tests = estimate.score_tests
     left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
-    if dof <= 0 or score.is_implausible:
+    if dof <= 0 or score.is_implausible or score.contradicts_statement:
         return False
     if _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL:
         return True

@@ -302,7 +302,8 @@ def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -
     useless = {
         name
         for score in estimate.score_tests.scores
-        if score.kind == "bench" and (not score.dof or score.is_implausible)
+        if score.kind == "bench"
+        and (not score.dof or score.is_implausible or score.contradicts_statement)
         for name in score.components
     }
     pulls = {

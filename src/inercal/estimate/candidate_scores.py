@@ -155,6 +155,7 @@ def _score_test(
         one.largest,
         one.stated_sds,
         one.changes,
+        float(np.max(s, initial=0.0) / max(np.max(length * unit, initial=0.0), 1e-300)),
     )
     return score, u
 

@@ -47,6 +47,7 @@ PARALLEL_COSINE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told ap
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
 _MOST = 6  # directions, for the share of the level
 _CONTRADICTION = 6.0  # standard deviations
+_HARDLY_VISIBLE = 1e-3  # of the effect of a candidate
 _LINEARISATION = 0.05  # relative error of what a score test explains: its size is of first order
 
 
@@ -212,6 +213,8 @@ class ScoreTest:
         The part of the whitened residual that the candidate explains.
     largest, stated_sds, changes
         Of the candidate.
+    visible_share : float
+        Largest share of the candidate's column that the fit leaves to the residuals.
     """
 
     name: str
@@ -227,6 +230,7 @@ class ScoreTest:
     largest: Array | None = None
     stated_sds: Array | None = None
     changes: tuple[Change, ...] = ()
+    visible_share: float = 1.0
 
     @property
     def p_value(self) -> float:
@@ -243,15 +247,24 @@ class ScoreTest:
 
     @property
     def departure(self) -> float:
-        """The largest departure from what was stated over what is stated of it; 0 of no statement.
+        """The largest departure from what was stated, in its standard deviations; 0 of others.
 
-        Infinite where it was stated as exact.
+        Of what is stated as exact a sixth of the largest plausible size stands for the deviation.
         """
         if self.stated_sds is None:
             return 0.0
-        size = np.abs(np.nan_to_num(self.size))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return float(np.max(np.where(size > 0, size / self.stated_sds, 0.0), initial=0.0))
+        sixth = np.inf if self.largest is None else self.largest / _CONTRADICTION
+        sd = np.where(self.stated_sds > 0, self.stated_sds, sixth)
+        return float(np.max(np.abs(np.nan_to_num(self.size)) / sd, initial=0.0))
+
+    @property
+    def contradicts_statement(self) -> bool:
+        """Whether it departs from its statement by more than 6 sd where it is hardly visible.
+
+        What is estimated takes up all but a thousandth of its effect: the residuals show something
+        else that resembles the rest of it.
+        """
+        return self.departure > _CONTRADICTION and self.visible_share < _HARDLY_VISIBLE
 
     def cosine(self, other: "ScoreTest") -> float:
         """Return |cos| of the angle between what both explain; 0 where one explains nothing."""
