@@ -13,6 +13,7 @@ from tests.evidence.cases import (
     dividing_head,
     hand,
     hand_recordings,
+    rate_platform,
     rate_table,
     turntable,
 )
@@ -34,6 +35,7 @@ CASES: Mapping[str, Callable[[], Case]] = {
     "centrifuge_norm": centrifuge.centrifuge_norm,
     "dual_orthogonal": dividing_head.dual_orthogonal,
     "tumble": dividing_head.tumble,
+    "rates_and_poses": rate_platform.rates_and_poses,
     "ship_planar": rate_table.ship_planar,
     "ship_multi_angle": rate_table.ship_multi_angle,
     "turntable_discrete": turntable.turntable_discrete,
