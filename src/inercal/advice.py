@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from inercal.errors import InputError
 
@@ -61,10 +61,10 @@ def with_changes(sections: Mapping[str, Any], changes: tuple[Change, ...]) -> di
     for change in changes:
         place = result
         for name in change.section.split("."):
-            inner = place.get(name, {})
+            inner: object = place.get(name, {})
             if not isinstance(inner, Mapping):
                 raise InputError(f"[{change.section}] is no section", key=change.section)
-            place[name] = dict(inner)
+            place[name] = dict(cast(Mapping[str, Any], inner))
             place = place[name]
         place[change.key] = change.value
     return result

@@ -82,8 +82,8 @@ _ABOUT = {
         "readings is what the coefficients do: they are told apart by their stated size alone."
     ),
     "rates_and_poses": (
-        "Three gyros on a rate table, each axis up in a setting, at rest and at three rates of both "
-        "senses."
+        "Three gyros on a rate table, each axis up in a setting, at rest and at three rates of "
+        "both senses."
     ),
     "ship_planar": "Nine level states.",
     "ship_multi_angle": "Level and tilted states, 25 in all.",

@@ -30,8 +30,14 @@ RUN_FILES = (
     "centrifuge/corrected.toml",
     "rate_table/ship.toml",
 )
-REPORTS = ("01_same_from_zero.csv", "02_gyro_two_decimals.csv", "05_freezer_whole_degrees.toml",
-           "08_record_player.toml", "12_z_offset_1g.csv", "17_coarse_gyro_one_sense.csv")  # fmt: skip
+REPORTS = (
+    "01_same_from_zero.csv",
+    "02_gyro_two_decimals.csv",
+    "05_freezer_whole_degrees.toml",
+    "08_record_player.toml",
+    "12_z_offset_1g.csv",
+    "17_coarse_gyro_one_sense.csv",
+)
 
 
 def kept_advice(run_file: Path) -> int:

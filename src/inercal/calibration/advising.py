@@ -1,7 +1,7 @@
 """Advice on a cause: what of it can be followed is known by what runs the calibration again."""
 
 from collections.abc import Collection, Sequence
-from typing import Protocol
+from typing import Protocol, cast
 
 from inercal.advice import Advice, Change
 from inercal.calibration.grade import SuspectedCause
@@ -81,5 +81,5 @@ def _toml(value: object) -> str:
     if isinstance(value, str):
         return f'"{value}"'
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml(one) for one in value)}]"  # pyright: ignore[reportUnknownVariableType]
+        return f"[{', '.join(_toml(one) for one in cast(Sequence[object], value))}]"
     return str(value).lower() if isinstance(value, bool) else str(value)

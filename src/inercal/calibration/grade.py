@@ -18,12 +18,12 @@ noise, or are small compared with the explained part (F test). It must leave a d
 and its size must be plausible: not beyond the largest plausible size by more than 6 standard
 deviations. Where what is estimated takes up all but a thousandth of its effect, it must not depart
 from what is stated of it by more than 6 standard deviations. It is the suspect where what it leaves
-unexplained is not significant; otherwise no
-single cause explains the residuals. Candidates whose explained residual lies within 30° of the
-suspect's cannot be distinguished from it. Of those that explain as much (χ² within 4, in no more
-directions) the first is named in the order of possible remedies: a coefficient that the method can
-estimate, the bench, a change over the run, a row, other coefficients; and of two statements the one
-that departs less from what is stated of it, in its standard deviations.
+unexplained is not significant; otherwise no single cause explains the residuals. Candidates whose
+explained residual lies within 30° of the suspect's cannot be distinguished from it. Of those that
+explain as much (χ² within 4; except rows, in no more directions) the first is named in the order of
+possible remedies: a coefficient that the method can estimate, the bench, a change over the run, a
+row, other coefficients; and of two statements the one that departs less from what is stated of it,
+in its standard deviations.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -342,7 +342,8 @@ def _best_cause(
         score
         for score in convincing
         if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
-        and score.dof <= best.dof  # a cause of more directions would explain more
+        # A cause of more directions would explain more; the readings of a row may be anything.
+        and (score.kind == "row" or score.dof <= best.dof)
         and best.cosine(score) >= PARALLEL_COSINE
         and not set(score.components) & set(best.components)
     ]

@@ -29,8 +29,15 @@ _PRIOR = "prior of "  # begins the name of the prior of a coefficient
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
 # Keys of parameters that no line of a bench declares.
 _KEYS = {"g": "gravity", "earth_up": "latitude", "index": "indexing", "rate": "rate_error"}
-_UNITS = {"rad": ("rad", 1.0), "1": ("ppm", 1e6), "m": ("m", 1.0), "s": ("s", 1.0)}
-_UNITS |= {"m/s²": ("m/s²", 1.0), "rad/s": ("rad/s", 1.0), "(m/s²)⁻¹": ("1/(m/s²)", 1.0)}
+_UNITS = {
+    "rad": ("rad", 1.0),
+    "1": ("ppm", 1e6),
+    "m": ("m", 1.0),
+    "s": ("s", 1.0),
+    "m/s²": ("m/s²", 1.0),
+    "rad/s": ("rad/s", 1.0),
+    "(m/s²)⁻¹": ("1/(m/s²)", 1.0),
+}
 
 
 class RunAdvisor:

@@ -56,7 +56,7 @@ def _coefficient_candidates(model: RampModel, x: Array) -> list[Candidate]:
         if "dTdt" in inputs and LAG in model.nuisances:
             continue
         k = [one.name for one in sensor.axes].index(axis)
-        column = _column(model, k, line.basis.value(seen))
+        column = _column(model, k, np.asarray(line.basis.value(seen)))
         members.setdefault(term, []).append((full, column))
     return [
         Candidate(
@@ -107,11 +107,11 @@ def _warm_up_candidates(model: RampModel, x: Array) -> list[Candidate]:
         return float(np.sum((u.T @ residual) ** 2))
 
     shortest, longest = model.blocks.seconds, _LONGEST * float(time[-1])
-    tried: Array = np.geomspace(shortest, longest, _COARSE)
+    best, ratio, count = float(np.sqrt(shortest * longest)), np.sqrt(longest / shortest), _COARSE
     for _ in range(3):
-        best = float(max(tried.tolist(), key=explained))
-        ratio = float(tried[1] / tried[0])
-        tried = np.geomspace(best / ratio, best * ratio, _FINE)
+        tried: Array = np.geomspace(best / ratio, best * ratio, count)
+        best = max(tried.tolist(), key=explained)
+        ratio, count = float(tried[1] / tried[0]), _FINE
     wave = np.stack([_column(model, k, time / best * np.exp(-time / best)) for k in axes], axis=-1)
     names = [axis.name for axis in model.sensor.axes]
     units = tuple(_UNITS[axis.measures] for axis in model.sensor.axes)
