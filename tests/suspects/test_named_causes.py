@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from tests.accuracy import ramps
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record
 from tests.evidence import temperature_ramps
-from tests.evidence.violation_cells import base_cells, calibrate_device
+from tests.evidence.violation_cells import base_cells, calibrate_device, find_case
 from tests.suspects.rate_platform_runs import arguments, table
 
 import inercal
@@ -184,6 +185,30 @@ def test_kpp_of_a_dividing_head_is_listed_as_what_no_data_show(method: str):
     assert answer.grade == "consistent"
     assert answer.limits_name("kpp")
     assert not answer.limits_name("kpo")
+
+
+def switched_between_sections(seed: int, folder: Path) -> Outcome:
+    """Return Ferraris' sections whose gyros were switched on anew before each, by 600 °/h."""
+    rng = np.random.default_rng([seed, 64])
+    here = find_case("ferraris")
+    files = here.files(here.draw(rng), rng, None)
+    table = [line.split(",") for line in str(files["means.csv"]).splitlines()]
+    for row in table[1:]:
+        row[5:] = [str(float(x) + rng.standard_normal() * 600 / 3600) for x in row[5:]]
+    (folder / "run.toml").write_text(str(files["run.toml"]), encoding="utf-8")
+    (folder / "means.csv").write_text("\n".join(map(",".join, table)), encoding="utf-8")
+    return inercal.calibrate(folder / "run.toml")
+
+
+def test_gyros_that_were_switched_on_anew_before_each_section_are_named(tmp_path: Path):
+    for seed in range(4):
+        verdict = switched_between_sections(seed, tmp_path).verdict
+        assert verdict.suspect is not None
+        assert verdict.suspect.name == "turn_on"
+        (change,) = verdict.advice[0].changes
+        assert (change.section, change.key) == ("bench", "turn_on")
+        size = float(change.value.split()[0]) * 206_265  # rad/s in °/h
+        assert 200 < size < 1200  # of six directions
 
 
 def hand_held(change: Callable[[Array], None], seed: int, latitude: float = 47.0) -> Estimate:

@@ -98,6 +98,8 @@ class SuspectedCause:
         Probability of a χ² as large as the remaining one if this cause were the only one.
     changes : tuple of Change
         Of the candidate: keys of the run file that let the method estimate it.
+    least_sizes : tuple of float
+        The smallest sizes of the components that explain as much, SI.
     shift : float
         The largest shift that it causes in a coefficient, in units of that coefficient's U.
     shifted_coefficient : str
@@ -122,6 +124,7 @@ class SuspectedCause:
     indistinguishable: tuple[str, ...]
     remaining_p_value: float = 1.0
     changes: tuple[Change, ...] = ()
+    least_sizes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -377,6 +380,7 @@ def _best_cause(
         tuple(alike),
         _remaining_p_value(score_tests, first),
         first.changes,
+        () if first.least_size is None else tuple(first.least_size.tolist()),
     )
 
 

@@ -89,7 +89,9 @@ def verdict(
         lines += suspect_lines(assessment.suspect, sensor, expected, advice[-1])
     elif assessment.best is not None:
         lines += best_cause_lines(assessment.best)
-    elif assessment.scores_reject:
+    elif assessment.scores_reject or any(
+        one.name.startswith("residuals") for one in assessment.rejecting_tests
+    ):
         lines.append(
             "no single cause explains the residuals: the noise is larger than stated, or something "
             "changes from row to row"
@@ -249,6 +251,7 @@ def _undetectable_lines(
             f"these data cannot show an error of {', '.join(exact)}, which the run file takes as "
             "exact: state its uncertainty"
         )
+        advice += [Advice(name, action="state its uncertainty") for name in exact]
     return (["; ".join(texts)] if texts else []), advice
 
 

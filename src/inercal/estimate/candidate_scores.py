@@ -156,6 +156,7 @@ def _score_test(
         one.stated_sds,
         one.changes,
         float(np.max(s, initial=0.0) / max(np.max(length * unit, initial=0.0), 1e-300)),
+        size * unit,
     )
     return score, u
 

@@ -215,6 +215,8 @@ class ScoreTest:
         Of the candidate.
     visible_share : float
         Largest share of the candidate's column that the fit leaves to the residuals.
+    least_size : (k,) array, optional
+        The smallest sizes of the components that explain as much, SI: also of those left open.
     """
 
     name: str
@@ -231,6 +233,7 @@ class ScoreTest:
     stated_sds: Array | None = None
     changes: tuple[Change, ...] = ()
     visible_share: float = 1.0
+    least_size: Array | None = None
 
     @property
     def p_value(self) -> float:

@@ -194,22 +194,20 @@ def bench_candidates(
     """Return the parameters of the bench that act on several rows, by their columns (m,).
 
     `rows` are the names of the observations' rows, (m,), where parameters of one position are
-    candidates too if its attitude is that of several rows.
+    candidates too if its attitude is that of several rows; those of one row are if `families` has
+    them, because together they act on many.
 
     The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", are one candidate,
     "pose[XY30]": their sizes show which component is wrong.
     """
     kinds: dict[str, list[str]] = {}
     for name, parameter in declared.items():
-        if (
-            name in column
-            and _affects_observations(column[name])
-            and (
-                parameter.scope in _SHARED_SCOPES
-                or (rows is not None and _affects_several_rows(column[name], rows))
-            )
-        ):
-            for kind in _family_names(name, families or {}) or [ErrorName(name).vector]:
+        if name not in column or not _affects_observations(column[name]):
+            continue
+        together = _family_names(name, families or {})
+        several = rows is not None and _affects_several_rows(column[name], rows)
+        if together or several or parameter.scope in _SHARED_SCOPES:
+            for kind in together or [ErrorName(name).vector]:
                 kinds.setdefault(kind, []).append(name)
     return [
         Candidate(

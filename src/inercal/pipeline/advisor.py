@@ -18,7 +18,7 @@ from inercal.calibration.advising import action_on, also
 from inercal.calibration.grade import SuspectedCause
 from inercal.errors import InercalError
 from inercal.estimate import Estimate
-from inercal.keys import ErrorName
+from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
 from inercal.runfile import Run, from_sections
 from inercal.units import Measured
@@ -121,7 +121,12 @@ class RunAdvisor:
         return True
 
     def _chi2_after(self, changes: tuple[Change, ...]) -> float | None:
-        """Return χ² of the run with changes; None where it is refused."""
+        """Return χ² of the run with changes; None where it is refused.
+
+        A search of minutes is not repeated.
+        """
+        if self._run.search is not None:
+            return None
         try:
             estimate = self._calibrated(self._changed_run(changes))
         except InercalError:
@@ -147,12 +152,13 @@ class RunAdvisor:
         if cause.changes:
             return [cause.changes]
         if cause.kind == "coefficient" and set(cause.components) <= set(self._possible):
+            words = list(dict.fromkeys(((cause.name,), cause.components)))
+            plain = [(also(one),) for one in words]
+            angles = {CoefficientName(name).term for name in cause.components}
+            if self._run.sensor.form == "tilted" or not angles & {"delta_o", "delta_p"}:
+                return plain
             tilted = Change("sensor", "form", "tilted")
-            words = dict.fromkeys(((cause.name,), cause.components))
-            return [
-                *((also(one),) for one in words),
-                *((also(one), tilted) for one in words),
-            ]
+            return [*plain, *((*one, tilted) for one in plain)]
         return [changes] if cause.kind == "bench" and (changes := self._of_bench(cause)) else []
 
     def _of_bench(self, cause: SuspectedCause) -> tuple[Change, ...]:
@@ -162,9 +168,18 @@ class RunAdvisor:
         harmonics = list(stated.get("harmonics", ("1 ″", "1 ″")))
         if cause.components[0].startswith(_PRIOR):
             return self._of_priors(cause)
-        for full, size, unit in zip(cause.components, cause.sizes, cause.units, strict=True):
+        # The data leave some components open, such as the sum of what differs between sections:
+        # of k components of equal deviation the least sizes have d directions.
+        departures = np.array(cause.least_sizes or cause.sizes)
+        open_ = cause.dof < len(cause.components)
+        typical = float(np.sqrt(np.nansum(departures**2) / max(cause.dof, 1)))
+        for full, size, unit in zip(
+            cause.components, departures.tolist(), cause.units, strict=True
+        ):
             if not np.isfinite(size) or unit not in _UNITS:
                 return ()
+            if size == 0:
+                continue
             name = ErrorName(full).name
             if harmonic := _HARMONIC.fullmatch(name):
                 order = int(harmonic[1])
@@ -172,9 +187,9 @@ class RunAdvisor:
                 sizes["harmonics"] = (full, max(abs(size), sizes.get("harmonics", ("", 0.0))[1]))
                 harmonics[order - 1] = f"{_rounded_up(sizes['harmonics'][1])} rad"
                 continue
-            key = self._key(name)
-            if key not in sizes or abs(size) > sizes[key][1]:
-                sizes[key] = (full, abs(size))
+            key, size = self._key(name), max(abs(size), typical) if open_ else abs(size)
+            if key not in sizes or size > sizes[key][1]:
+                sizes[key] = (full, size)
         return tuple(
             Change("bench", key, harmonics)
             if key == "harmonics"
