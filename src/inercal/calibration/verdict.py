@@ -89,8 +89,9 @@ def verdict(
         lines += suspect_lines(assessment.suspect, sensor, expected, advice[-1])
     elif assessment.best is not None:
         lines += best_cause_lines(assessment.best)
-    elif assessment.scores_reject or any(
-        one.name.startswith("residuals") for one in assessment.rejecting_tests
+    elif assessment.scores_reject or (
+        any(score.dof for score in estimate.score_tests.scores)
+        and any(one.name.startswith("residuals") for one in assessment.rejecting_tests)
     ):
         lines.append(
             "no single cause explains the residuals: the noise is larger than stated, or something "
