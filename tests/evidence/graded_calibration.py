@@ -31,7 +31,7 @@ class GradedCalibration:
     grade : str
         Of the three, or that the data were refused.
     first : tuple of str
-        Names of the suspect and of its components; empty without a suspect.
+        Names of the suspect and of its components, or those that a refusal names.
     group : tuple of str
         These and the candidates that the data cannot tell from it.
     nees : float
@@ -78,7 +78,9 @@ def calibrate_files(files: Files, truth: dict[str, float]) -> GradedCalibration:
                 outcome = calibrate(Path(folder) / "run.toml")
         except InercalError as error:
             words = str(error).replace(folder, "")
-            return GradedCalibration("refused", (), (), math.nan, words)
+            # A refusal may name the keys that are wrong: "[bench] latitude".
+            named = tuple(name.rpartition("] ")[2] for name in error.names)
+            return GradedCalibration("refused", named, named, math.nan, words)
     first, group = suspect_names(outcome)
     found = outcome.calibration
     std = dict(zip(found.sensor.coefficients, found.std.tolist(), strict=True))

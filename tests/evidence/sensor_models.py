@@ -141,6 +141,7 @@ def accelerometer_violations(
         "k0_prime": ("asymmetry of the bias", "µg", UG, 1e5),
         "k1_prime": ("asymmetry of the scale factor", "ppm", PPM, 2e5),
         "kip": ("cross-axis nonlinearity", "µg/g²", UG / G0**2, 1e5),
+        "kpo": ("cross-coupling P–O", "µg/g²", UG / G0**2, 1e5),
         "delta_o": ("non-orthogonality", "″", ARCSEC, 36_000),
     }
     made: list[Violation] = []

@@ -81,6 +81,10 @@ _ABOUT = {
         "One accelerometer on a head of 0.5″ and 0.4″. What the head's harmonics do to the "
         "readings is what the coefficients do: they are told apart by their stated size alone."
     ),
+    "rates_and_poses": (
+        "Three gyros on a rate table, each axis up in a setting, at rest and at three rates of "
+        "both senses."
+    ),
     "ship_planar": "Nine level states.",
     "ship_multi_angle": "Level and tilted states, 25 in all.",
     "turntable_discrete": "Six positions with a turn there and back about the vertical in each.",

@@ -13,10 +13,18 @@ from tests.evidence.cases import (
     dividing_head,
     hand,
     hand_recordings,
+    rate_platform,
     rate_table,
     turntable,
 )
-from tests.evidence.visibility_model import Case, Violation, Visibility, angle, angle_to_space
+from tests.evidence.visibility_model import (
+    Case,
+    Files,
+    Violation,
+    Visibility,
+    angle,
+    angle_to_space,
+)
 
 CASES: Mapping[str, Callable[[], Case]] = {
     "six_position": hand.six_position,
@@ -27,6 +35,7 @@ CASES: Mapping[str, Callable[[], Case]] = {
     "centrifuge_norm": centrifuge.centrifuge_norm,
     "dual_orthogonal": dividing_head.dual_orthogonal,
     "tumble": dividing_head.tumble,
+    "rates_and_poses": rate_platform.rates_and_poses,
     "ship_planar": rate_table.ship_planar,
     "ship_multi_angle": rate_table.ship_multi_angle,
     "turntable_discrete": turntable.turntable_discrete,
@@ -198,6 +207,12 @@ def count_answers(part: tuple[Cell, range]) -> Count:
 
 def calibrate_device(cell: Cell, k: int) -> graded_calibration.GradedCalibration:
     """Return what inercal said of one device of a cell."""
+    files, truth = device_files(cell, k)
+    return graded_calibration.calibrate_files(files, truth)
+
+
+def device_files(cell: Cell, k: int) -> tuple[Files, dict[str, float]]:
+    """Return the files of one device of a cell, and its coefficients by name, SI."""
     here = find_case(cell.case)
     rng = np.random.default_rng([cell.seed, k, crc32(f"{cell.case} {cell.violation}".encode())])
     values = here.draw(rng)
@@ -212,4 +227,4 @@ def calibrate_device(cell: Cell, k: int) -> graded_calibration.GradedCalibration
         for name, per_unit in violation.change.items():
             change = size * per_unit
             values[name] = values.get(name, 0.0) + change
-    return graded_calibration.calibrate_files(here.files(values, rng, gross), truth)
+    return here.files(values, rng, gross), truth

@@ -31,7 +31,11 @@ from inercal.units import Measured
 B = TypeVar("B")
 S = TypeVar("S", bound=BenchSection)
 _EXACT = Measured(0.0, 0.0)
-_SI = {"°": "rad", "1/(m/s²)": "(m/s²)⁻¹"}  # units of parameters; other units are unchanged
+_SI = {
+    "°": "rad",
+    "°/s": "rad/s",
+    "1/(m/s²)": "(m/s²)⁻¹",
+}  # units of parameters; other units are unchanged
 _METADATA = "key of [bench]"
 
 

@@ -86,6 +86,25 @@ class _Shift(_Strict):
     in_U: _Number | None
 
 
+class _Remaining(_Strict):
+    chi2: _Number | None
+    dof: _Count
+    p_value: _Number | None
+
+
+class _Change(_Strict):
+    section: _Text
+    key: _Text
+    value: _Text | _Number | bool | list[_Text]
+
+
+class _Advice(_Strict):
+    reason: _Text
+    changes: list[_Change]
+    action: _Text
+    chi2: _Number | None
+
+
 class _Suspect(_Strict):
     name: _Text
     kind: _Text
@@ -93,6 +112,7 @@ class _Suspect(_Strict):
     chi2: _Number | None
     dof: _Count
     p_value: _Number | None
+    remaining: _Remaining | None = None
     largest_shift: _Shift
     not_told_from: list[_Text]
 
@@ -103,6 +123,8 @@ class _Verdict(_Strict):
     reasons: list[_Text]
     tests: list[_Test]
     suspect: _Suspect | None
+    best_cause: _Suspect | None = None
+    advice: list[_Advice] = []
 
 
 class _SharedError(_Strict):

@@ -12,12 +12,18 @@ tests where nothing is scored. The grade is::
                                than twice the stated scatter, or the suspect shifts a coefficient by
                                more than its U
 
-The suspect is the candidate with the smallest p-value, if it explains the residuals better than a
-scatter of all rows does: the remaining residuals agree with the stated noise, or are small compared
-with the explained part (F test). Candidates whose explained residual lies within 30° of the
-suspect's cannot be distinguished from it. Among those that explain as much (χ² within 4) the
-suspect is the first in the order of possible remedies: a coefficient that the method can estimate,
-the bench, a change over the run, a row, other coefficients.
+The best of the causes tested is the candidate with the smallest p-value, if it explains the
+residuals better than a scatter of all rows does: the remaining residuals agree with the stated
+noise, or are small compared with the explained part (F test). It must leave a degree of freedom,
+and its size must be plausible: not beyond the largest plausible size by more than 6 standard
+deviations. Where what is estimated takes up all but a thousandth of its effect, it must not depart
+from what is stated of it by more than 6 standard deviations. It is the suspect where what it leaves
+unexplained is not significant; otherwise no single cause explains the residuals. Candidates whose
+explained residual lies within 30° of the suspect's cannot be distinguished from it. Of those that
+explain as much (χ² within 4; except rows, in no more directions) the first is named in the order of
+possible remedies: a coefficient that the method can estimate, the bench, a change over the run, a
+row, other coefficients; and of two statements the one that departs less from what is stated of it,
+in its standard deviations.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -29,6 +35,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
+from inercal.advice import Advice, Change
 from inercal.estimate import Estimate, ScoreTest
 from inercal.estimate.scores import (
     PARALLEL_COSINE,
@@ -37,6 +44,7 @@ from inercal.estimate.scores import (
     Kind,
     ScoreTestSet,
     chi2_tail_probability,
+    remaining_p_value,
 )
 from inercal.recording import Finding
 from inercal.uncertainty.coverage import COVERAGE
@@ -86,6 +94,12 @@ class SuspectedCause:
         Decrease of χ², degrees of freedom, and p-value among all candidates.
     remaining_chi2, remaining_dof : float and int
         Remaining χ², and its degrees of freedom.
+    remaining_p_value : float
+        Probability of a χ² as large as the remaining one if this cause were the only one.
+    changes : tuple of Change
+        Of the candidate: keys of the run file that let the method estimate it.
+    least_sizes : tuple of float
+        The smallest sizes of the components that explain as much, SI.
     shift : float
         The largest shift that it causes in a coefficient, in units of that coefficient's U.
     shifted_coefficient : str
@@ -108,15 +122,9 @@ class SuspectedCause:
     shift: float
     shifted_coefficient: str
     indistinguishable: tuple[str, ...]
-
-    @property
-    def remaining_p_value(self) -> float:
-        """Probability of a χ² as large as the remaining χ², if the remaining model holds."""
-        return (
-            float(scipy.special.chdtrc(self.remaining_dof, self.remaining_chi2))
-            if self.remaining_dof > 0
-            else 1.0
-        )
+    remaining_p_value: float = 1.0
+    changes: tuple[Change, ...] = ()
+    least_sizes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -135,12 +143,21 @@ class OutlierRow:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Results of the tests of an estimate."""
+    """Results of the tests of an estimate.
+
+    `best` is the best of the causes tested; it is the suspect where it leaves nothing significant.
+    """
 
     tests: tuple[HypothesisTest, ...]
-    suspect: SuspectedCause | None
+    best: SuspectedCause | None
     row: OutlierRow | None
     scores_reject: bool
+
+    @property
+    def suspect(self) -> SuspectedCause | None:
+        """The single cause that explains the residuals, if there is one."""
+        best = self.best
+        return best if best and best.remaining_p_value >= SIGNIFICANCE_LEVEL else None
 
     @property
     def rejecting_tests(self) -> tuple[HypothesisTest, ...]:
@@ -166,6 +183,11 @@ class Verdict:
         The complete verdict in words; the first line is the summary.
     tests : tuple of HypothesisTest
     suspect : SuspectedCause or None
+        The single cause that explains the residuals; None where there is no such cause.
+    best : SuspectedCause or None
+        The best of the causes tested, with what it leaves unexplained.
+    advice : tuple of Advice
+        What to change in the run file, or to do; what changes keys was tried.
     """
 
     grade: Grade
@@ -173,6 +195,8 @@ class Verdict:
     lines: tuple[str, ...] = ()
     tests: tuple[HypothesisTest, ...] = ()
     suspect: SuspectedCause | None = None
+    best: SuspectedCause | None = None
+    advice: tuple[Advice, ...] = ()
 
     @property
     def word(self) -> str:
@@ -232,7 +256,7 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
     ]
     return Assessment(
         tests,
-        _suspected_cause(estimate, count, significant, possible),
+        _best_cause(estimate, count, significant, possible),
         _outlier_row(estimate),
         bool(significant),
     )
@@ -249,6 +273,7 @@ def grade_estimate(
     findings: Sequence[Finding],
     far: Sequence[str],
     lines: tuple[str, ...],
+    advice: Sequence[Advice] = (),
 ) -> Verdict:
     """Return the verdict by the rule of this module.
 
@@ -263,8 +288,10 @@ def grade_estimate(
         Coefficients whose scale factor is far from nominal (`is_far_from_nominal`).
     lines : tuple of str
         The verdict in words.
+    advice : sequence of Advice
     """
-    suspect, largest_birge_ratio = assessment.suspect, float(estimate.largest_birge_ratio)
+    best, suspect = assessment.best, assessment.suspect
+    largest_birge_ratio = float(estimate.largest_birge_ratio)
     bad: list[str] = []
     if not np.all(estimate.converged):
         bad.append("the fit did not converge")
@@ -272,8 +299,9 @@ def grade_estimate(
     bad += [f"a check refused: {one.what}" for one in findings if one.severity == "refused"]
     if assessment.rejects and largest_birge_ratio > _MAX_SCATTER:
         bad.append(f"the residuals scatter {largest_birge_ratio:.2g} times as much as stated")
-    if suspect is not None and suspect.shift > _MAX_SHIFT:
-        bad.append(f"{suspect.name} shifts {suspect.shifted_coefficient} by {suspect.shift:.2g} U")
+    if best is not None and best.shift > _MAX_SHIFT:
+        named = best.name if suspect is not None else "the best of the causes tested"
+        bad.append(f"{named} shifts {best.shifted_coefficient} by {best.shift:.2g} U")
     mild = [f"test rejects the model: {test.name}" for test in assessment.rejecting_tests]
     if assessment.scores_reject and suspect is None:
         mild.append("score tests reject the model")
@@ -283,7 +311,9 @@ def grade_estimate(
     if not assessment.tests and not estimate.score_tests.scores:
         mild.append("nothing was tested")
     grade: Grade = "unreliable" if bad else "reservations" if mild else "consistent"
-    return Verdict(grade, (*bad, *mild), lines, assessment.tests, suspect)
+    return Verdict(
+        grade, (*bad, *mild), lines, assessment.tests, suspect, assessment.best, tuple(advice)
+    )
 
 
 def is_far_from_nominal(scale: float) -> bool:
@@ -291,7 +321,7 @@ def is_far_from_nominal(scale: float) -> bool:
     return not _SCALE_LIMITS[0] < scale < _SCALE_LIMITS[1]
 
 
-def _suspected_cause(
+def _best_cause(
     estimate: Estimate, count: int, significant: Sequence[ScoreTest], possible: Collection[str]
 ) -> SuspectedCause | None:
     score_tests = estimate.score_tests
@@ -301,8 +331,10 @@ def _suspected_cause(
     logs = {score.name: _log_p(score) for score in convincing}
     least = min(logs.values())
 
-    def rank(score: ScoreTest) -> tuple[bool, int]:
-        return not set(score.components) <= set(possible), _KIND_ORDER.index(score.kind)
+    def rank(score: ScoreTest) -> tuple[bool, int, float]:
+        # Of two statements that would explain the same, the one that departs less is the likelier.
+        free = set(score.components) <= set(possible)
+        return not free, _KIND_ORDER.index(score.kind), score.departure
 
     # Candidates in the same direction of the data have equal p-values except for rounding.
     best = min(
@@ -313,6 +345,8 @@ def _suspected_cause(
         score
         for score in convincing
         if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
+        # A cause of more directions would explain more; the readings of a row may be anything.
+        and (score.kind == "row" or score.dof <= best.dof)
         and best.cosine(score) >= PARALLEL_COSINE
         and not set(score.components) & set(best.components)
     ]
@@ -321,7 +355,10 @@ def _suspected_cause(
     alike = [
         one.name
         for one in sorted(score_tests.scores, key=lambda one: -first.cosine(one))
-        if one not in related and one.dof and first.cosine(one) >= PARALLEL_COSINE
+        if one not in related
+        and one.dof
+        and not (one.is_implausible or one.contradicts_statement)
+        and first.cosine(one) >= PARALLEL_COSINE
     ]
     expanded = COVERAGE * estimate.std[:count]
     shift = np.abs(first.shift[:count]) / np.where(expanded > 0, expanded, np.inf)
@@ -341,14 +378,28 @@ def _suspected_cause(
         float(shift[most]),
         estimate.names[most],
         tuple(alike),
+        _remaining_p_value(score_tests, first),
+        first.changes,
+        () if first.least_size is None else tuple(first.least_size.tolist()),
     )
 
 
+def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
+    left = max(score_tests.chi2 - score.chi2, 0.0)
+    return remaining_p_value(left, score_tests.dof - score.dof, score.chi2, score_tests.noise_dof)
+
+
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
-    """Return whether a candidate explains the residuals better than a scatter of all rows."""
+    """Return whether a candidate explains the residuals better than a scatter of all rows.
+
+    One that leaves no degree of freedom, that is larger than anything plausible, or that
+    contradicts its own statement explains nothing.
+    """
     score_tests = estimate.score_tests
     left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
-    if dof <= 0 or float(scipy.special.chdtrc(dof, left)) > SIGNIFICANCE_LEVEL:
+    if dof <= 0 or score.is_implausible or score.contradicts_statement:
+        return False
+    if _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL:
         return True
     ratio = (score.chi2 / score.dof) / (left / dof)
     return (

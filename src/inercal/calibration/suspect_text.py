@@ -1,12 +1,14 @@
 """The suspect of a verdict in plain words: what explains the residuals best, its size, a remedy."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
+from inercal.advice import Advice
+from inercal.calibration.advising import CHANGE_PREFIX, changes_text
 from inercal.calibration.detectability import coefficient_definition
 from inercal.calibration.grade import SuspectedCause
-from inercal.estimate.scores import SIGNIFICANCE_LEVEL, Kind
+from inercal.estimate.scores import Kind
 from inercal.parameters import Parameter
 from inercal.sensors import Sensor
 from inercal.units import format_quantity, format_value_and_uncertainty
@@ -16,7 +18,6 @@ _DISPLAY_UNITS = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s":
 _PERCENT_THRESHOLD = 0.01  # above, a ratio is shown in %
 _MAX_LISTED = 6  # candidates that a line lists
 _PRIOR_PREFIX = "prior of "  # and the coefficient
-CHANGE_PREFIX = "change "  # begins the name of a candidate that changes within one row
 
 
 def p_value_text(p: float) -> str:
@@ -28,8 +29,7 @@ def suspect_lines(
     one: SuspectedCause,
     sensor: Sensor,
     expected: Mapping[str, Parameter],
-    possible: Collection[str],
-    row_word: str,
+    given: Advice,
 ) -> list[str]:
     """Return lines on the candidate that explains the residuals best: its size and a remedy."""
     fall = f"χ² would fall by {one.chi2:.1f} to {one.remaining_chi2:.1f}"
@@ -40,30 +40,21 @@ def suspect_lines(
     )
     if one.kind == "coefficient":
         lines = _coefficient_suspect_text(one, sensor)
-        free = set(one.components) <= set(possible)
-        advice = (
-            f'estimate it: [method] also = ["{one.name}"]'
-            if free
-            else "this method cannot estimate it; its shift is not in U"
-        )
     elif one.kind == "bench":
-        lines, advice = _bench_suspect_text(one, sensor, expected)
+        lines = _bench_suspect_text(one, sensor, expected)
     elif one.kind == "row":
         lines = f"suspect: the readings of {one.name}"
-        advice = f"look at this {row_word}, and repeat it"
     else:
         parts = ", ".join(
             _format_quantity(size, sd, unit)
             for size, sd, unit in zip(one.sizes, one.sds, one.units, strict=True)
         )
-        lines = f"suspect: {one.name}, {parts} from the first row to the last"
-        advice = "let the sensor settle, or repeat the first positions at the end"
-        if one.name.startswith(CHANGE_PREFIX):
-            lines = f"suspect: {one.name}, {parts} from its first half to its second"
-            advice = f"check whether the sensor was touched; repeat this {row_word} or remove it"
+        within = one.name.startswith(CHANGE_PREFIX)
+        how = "from its first half to its second" if within else "from the first row to the last"
+        lines = f"suspect: {one.name}, {parts}" + (f" {how}" if not one.changes else "")
     text = (
         f"{lines}; {fall} (p {p_value_text(one.adjusted)} among all candidates), and {shift}; "
-        f"{advice}"
+        f"{advice_text(one.kind, given)}"
     )
     result = [text]
     if one.indistinguishable:
@@ -71,41 +62,51 @@ def suspect_lines(
         more = len(one.indistinguishable) - _MAX_LISTED
         listed += f" and {more} more" if more > 0 else ""
         result.append(f"these data cannot distinguish {one.name} from: {listed}")
-    if one.remaining_p_value < SIGNIFICANCE_LEVEL:
-        result.append(
-            f"{one.name} alone does not explain the residuals: χ² = {one.remaining_chi2:.1f} with "
-            f"{one.remaining_dof} degrees of freedom remains; something else is wrong too, or the "
-            "noise is larger than stated"
-        )
     return result
+
+
+def advice_text(kind: Kind, given: Advice) -> str:
+    """Return advice on a cause in words."""
+    if not given.changes:
+        return given.action
+    verb = "measure it again, or state" if kind == "bench" else "estimate it:"
+    return f"{verb} {changes_text(given.changes)}"
+
+
+def best_cause_lines(one: SuspectedCause) -> list[str]:
+    """Return lines on the best of the causes tested, where it does not explain the residuals."""
+    return [
+        "no single cause explains the residuals: something changes that the model does not "
+        "contain, several things are wrong, or the noise is larger than stated",
+        f"the best of the causes tested is {one.name}: χ² would drop by {one.chi2:.1f}, but "
+        f"{one.remaining_chi2:.1f} with {one.remaining_dof} degrees of freedom would remain "
+        f"unexplained, p {p_value_text(one.remaining_p_value)}",
+    ]
 
 
 def _bench_suspect_text(
     one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
-) -> tuple[str, str]:
-    """Return the text on a suspected statement of the run file, and the advice."""
+) -> str:
+    """Return the text on a suspected statement of the run file."""
     # The most significant component of a vector, such as the angles of a mounting.
     k = int(np.argmax(np.nan_to_num(np.abs(one.sizes) / np.asarray(one.sds))))
     name, size, sd = one.components[k], one.sizes[k], one.sds[k]
     if name.startswith(_PRIOR_PREFIX):
         full = name.removeprefix(_PRIOR_PREFIX)
         departure = format_component(sensor, "coefficient", full, size, sd, one.units[k])
-        return (
-            f"suspect: the {name}; the data depart from it by {departure}",
-            f"look at [method.prior] {full}, or state it with its true uncertainty",
-        )
+        return f"suspect: the {name}; the data depart from it by {departure}"
     stated, of_rows = expected.get(name), ""
     if stated is None:  # a common error of all rows, in place of an error of each row
         rows = [one for full, one in expected.items() if full.startswith(f"{name}[")]
-        stated, of_rows = (rows[0] if rows else None), f", equal in all {len(rows)} rows"
+        stated, of_rows = rows[0] if rows else None, f", equal in all {len(rows)} rows"
+        of_rows = of_rows if rows else ""
     meaning = "" if stated is None or not stated.meaning else f" ({stated.meaning})"
     known = "as exact" if stated is None or not stated.sd else ""
     known = known or f"± {_format_quantity(stated.sd if stated else 0.0, 0.0, one.units[k])}"
     return (
         f"suspect: bench parameter {name}{meaning}{of_rows}; it departs by "
         f"{_format_quantity(size, sd, one.units[k])} from its stated value, which is stated "
-        f"{known}",
-        "measure it again, or state it with its true uncertainty",
+        f"{known}"
     )
 
 

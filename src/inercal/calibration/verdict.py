@@ -5,6 +5,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from inercal.advice import Advice
+from inercal.calibration.advising import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
@@ -19,7 +21,11 @@ from inercal.calibration.grade import (
     grade_estimate,
     is_far_from_nominal,
 )
-from inercal.calibration.suspect_text import CHANGE_PREFIX, p_value_text, suspect_lines
+from inercal.calibration.suspect_text import (
+    best_cause_lines,
+    p_value_text,
+    suspect_lines,
+)
 from inercal.estimate import Estimate
 from inercal.estimate.scores import SIGNIFICANCE_LEVEL
 from inercal.keys import CoefficientName, ErrorName
@@ -48,6 +54,7 @@ def verdict(
     expected: Mapping[str, Parameter] = NO_PARAMETERS,
     possible: Collection[str] = (),
     row_word: str = "position or turn",
+    advisor: Advisor | None = None,
 ) -> Verdict:
     """Return the verdict; its first line is the summary.
 
@@ -63,7 +70,11 @@ def verdict(
         Full names of the coefficients that the method can estimate.
     row_word : str
         Word for a row of the data: "position or turn".
+    advisor : Advisor, optional
+        What gives advice that can be followed.
     """
+    advisor = advisor or PlainAdvisor(possible, row_word)
+    advice: list[Advice] = []
     p = len(sensor.coefficients)
     assessment = assess(estimate, p, possible)
     scales = {
@@ -74,11 +85,17 @@ def verdict(
     wrong = bool(scales) or any(one.severity == "refused" for one in findings)
     lines = _summary(estimate, assessment, p, wrong)
     if assessment.suspect is not None:
-        lines += suspect_lines(assessment.suspect, sensor, expected, possible, row_word)
-    elif assessment.scores_reject:
+        advice.append(advisor.on_cause(assessment.suspect))
+        lines += suspect_lines(assessment.suspect, sensor, expected, advice[-1])
+    elif assessment.best is not None:
+        lines += best_cause_lines(assessment.best)
+    elif assessment.scores_reject or (
+        any(score.dof for score in estimate.score_tests.scores)
+        and any(one.name.startswith("residuals") for one in assessment.rejecting_tests)
+    ):
         lines.append(
-            "no single coefficient, bench parameter or row explains the residuals: the noise is "
-            "larger than stated, or something changes from row to row"
+            "no single cause explains the residuals: the noise is larger than stated, or something "
+            "changes from row to row"
         )
     lines += _outlier_row_lines(assessment, row_word)
     if not (estimate.consistent or estimate.groups):
@@ -89,10 +106,22 @@ def verdict(
         f"{name} is {scale:.3g} times nominal: {_scale_error_cause(name, scale)}"
         for name, scale in scales.items()
     ]
-    lines += _undetectable_lines(estimate, sensor, expected, possible, row_word, assessment.suspect)
+    unseen, unseen_advice = _undetectable_lines(
+        estimate, sensor, expected, possible, row_word, assessment.suspect, advisor
+    )
+    lines += unseen
+    advice += unseen_advice
     lines += estimate.notes
+    given = {word for one in advice for word in one.coefficients}
+    for finding in findings:
+        words = Advice(finding.what, finding.changes).coefficients
+        if set(words) - given and (
+            tried := advisor.on_changes(Advice(finding.what, finding.changes))
+        ):
+            advice.append(tried)
+            lines.append(f"to estimate it: {changes_text(tried.changes)}")
     lines += [f.message for f in findings if f.severity == "warning"]
-    return grade_estimate(estimate, assessment, findings, tuple(scales), tuple(lines))
+    return grade_estimate(estimate, assessment, findings, tuple(scales), tuple(lines), advice)
 
 
 def _scale_error_cause(name: str, scale: float) -> str:
@@ -185,8 +214,11 @@ def _undetectable_lines(
     possible: Collection[str],
     row_word: str,
     suspect: SuspectedCause | None,
-) -> list[str]:
+    advisor: Advisor,
+) -> tuple[list[str], list[Advice]]:
     """Return a line on omitted causes that no test of these data can detect: U does not hold them.
+
+    Also returns advice on those that the method can estimate.
 
     The suspect is excluded: a test has detected it.
     """
@@ -204,9 +236,13 @@ def _undetectable_lines(
         if np.isfinite(one.size):
             parts[k] += f" ({_undetected_size_text(sensor, one)})"
     texts: list[str] = []
+    advice: list[Advice] = []
     if parts:
         free = [one.name for one in found if one.component in possible]
-        tail = f"; the method can estimate {', '.join(free)} ([method] also)" if free else ""
+        tail = ""
+        if free and (given := advisor.on_coefficients(free)):
+            advice.append(given)
+            tail = f"; the method can estimate {given.reason}: {changes_text(given.changes)}"
         texts.append(
             f"{UNDETECTED_START} (in brackets the size that shifts a coefficient by "
             f"5 u{UNDETECTED_END}{', '.join(parts)}{tail}"
@@ -216,7 +252,8 @@ def _undetectable_lines(
             f"these data cannot show an error of {', '.join(exact)}, which the run file takes as "
             "exact: state its uncertainty"
         )
-    return ["; ".join(texts)] if texts else []
+        advice += [Advice(name, action="state its uncertainty") for name in exact]
+    return (["; ".join(texts)] if texts else []), advice
 
 
 def _undetected_size_text(sensor: Sensor, one: UndetectableCause) -> str:
@@ -265,10 +302,18 @@ def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -
                 f"the largest residual is {estimate.observations[worst]}, "
                 f"{format_value_and_uncertainty(0.0, largest)[1]} standard deviations"
             )
+    # What the coefficients take up, or what would be implausibly large, is no explanation.
+    useless = {
+        name
+        for score in estimate.score_tests.scores
+        if score.kind == "bench"
+        and (not score.dof or score.is_implausible or score.contradicts_statement)
+        for name in score.components
+    }
     pulls = {
         name: abs(float(value - expected[name].value)) / expected[name].sd
         for name, value in zip(estimate.names, estimate.value, strict=True)
-        if name in expected and expected[name].sd > 0
+        if name in expected and expected[name].sd > 0 and name not in useless
     }
     name = max(pulls, key=lambda one: pulls[one], default="")
     if name and pulls[name] > _MIN_PULL:

@@ -1,6 +1,6 @@
 """The computation of score tests (`inercal.estimate.scores`), of several candidates at once."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +19,11 @@ _MIN_RESIDUAL_SHARE = 1e-6
 
 
 def score_tests(
-    residual: Array, jacobian: Array, candidates: Iterable[Candidate], to: Array | None = None
+    residual: Array,
+    jacobian: Array,
+    candidates: Iterable[Candidate],
+    to: Array | None = None,
+    spanned: Collection[tuple[str, ...]] = (),
 ) -> ScoreTestSet:
     """Return the score tests of candidates.
 
@@ -34,6 +38,9 @@ def score_tests(
         is of the parameters whose shift is wanted.
     to : (q, p) array, optional
         From the p coordinates of `jacobian` to the parameters whose shift is wanted.
+    spanned : collection of tuple of str
+        Components of the candidates that are not scored, because what is estimated does all that
+        they do.
     """
     dof = len(residual) - jacobian.shape[1]
     if len(residual) > _MANY and isinstance(candidates, Sequence):
@@ -44,7 +51,7 @@ def score_tests(
     back = np.linalg.pinv(triangle) / size_of[:, None]
     back = back if to is None else to @ back
     result: list[ScoreTest] = []
-    spanned: list[Array] = []
+    bases: list[Array] = []
     columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // max(len(residual), 1))
     for batch in _batches(candidates):
         lengths = [np.linalg.norm(one.rows, axis=0) for one in batch]
@@ -57,14 +64,21 @@ def score_tests(
         for one, length, unit in zip(batch, lengths, units, strict=True):
             part = slice(start, start := start + unit.size)
             score, u = _score_test(
-                one, length, unit, columns[:, part], taken[:, part], left[:, part], residual, back
+                one,
+                length,
+                unit,
+                columns[:, part],
+                taken[:, part],
+                np.zeros_like(left[:, part]) if one.components in spanned else left[:, part],
+                residual,
+                back,
             )
             result.append(score)
             columns_of += score.dof
             if columns_of <= few:
-                spanned.append(u)
+                bases.append(u)
     # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
-    span = _rank(spanned) if columns_of <= few else min(columns_of, dof)
+    span = _rank(bases) if columns_of <= few else min(columns_of, dof)
     return ScoreTestSet(tuple(result), span, float(residual @ residual), dof)
 
 
@@ -138,8 +152,34 @@ def _score_test(
         k,
         shift,
         ExplainedResidual(at, columns[at] @ size, taken @ size),
+        one.largest,
+        one.stated_sds,
+        one.changes,
+        float(np.max(s, initial=0.0) / max(np.max(length * unit, initial=0.0), 1e-300)),
+        size * unit,
     )
     return score, u
+
+
+def spanned_candidates(
+    jacobian: Array, candidates: Iterable[Candidate]
+) -> frozenset[tuple[str, ...]]:
+    """Return the components of the candidates whose columns lie in the span of a Jacobian's.
+
+    Parameters
+    ----------
+    jacobian, candidates
+        As of `score_tests`.
+    """
+    size = np.linalg.norm(jacobian, axis=0)
+    q, _ = np.linalg.qr(jacobian / np.where(size > 0, size, 1.0))
+    found: list[tuple[str, ...]] = []
+    for one in candidates:
+        left = one.rows - q @ (q.T @ one.rows)
+        share = np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(one.rows, axis=0), 1e-300)
+        if np.all(share < _MIN_RESIDUAL_SHARE):
+            found.append(one.components)
+    return frozenset(found)
 
 
 def _rotate_rows(

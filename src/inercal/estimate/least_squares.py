@@ -4,7 +4,7 @@
 by iterated weights w = ψ/u.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate import gauss_newton_steps, nullspace
-from inercal.estimate.candidate_scores import score_tests
+from inercal.estimate.candidate_scores import score_tests, spanned_candidates
 from inercal.estimate.lazy_value import LazyValue
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
 from inercal.estimate.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet
 from inercal.estimate.search import Bools, merge, search
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
+
+_PULLED = 6.0  # standard deviations of a prior, beyond which the fit contradicts it
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,20 @@ def estimate_at_solution(
 
 def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint) -> ScoreTestSet:
     """Return the score tests of the problem's candidates at the solution of its one trial."""
+    jacobian, found = _whitened_candidates(system, point)
+    residual = np.concatenate([point.whitened[0], point.prior[0]])
+    # What comes one by one is not kept together: of hundreds of rows it would not fit.
+    if not isinstance(found, Sequence):
+        return score_tests(residual, jacobian, found, system.basis)
+    return score_tests(
+        residual, jacobian, found, system.basis, _spanned_at_statements(system, point)
+    )
+
+
+def _whitened_candidates(
+    system: WhitenedProblem, point: LinearisationPoint
+) -> tuple[Array, Iterable[Candidate]]:
+    """Return the Jacobian and the candidates at a point, both with rows of priors."""
     assert system.problem.candidates is not None
     inverse, full = system.whitener(point.x)
     width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
@@ -141,10 +157,28 @@ def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint)
             yield replace(one, rows=np.concatenate([rows, np.zeros((width, rows.shape[1]))]))
 
     jacobian = np.concatenate([point.weight[0][:, None] * point.rows[0], system.prior_rows])
-    residual = np.concatenate([point.whitened[0], point.prior[0]])
-    # What comes one by one is not kept together: of hundreds of rows it would not fit.
-    found = list(whitened()) if isinstance(left_out, Sequence) else whitened()
-    return score_tests(residual, jacobian, found, system.basis)
+    return jacobian, list(whitened()) if isinstance(left_out, Sequence) else whitened()
+
+
+def _spanned_at_statements(
+    system: WhitenedProblem, point: LinearisationPoint
+) -> frozenset[tuple[str, ...]]:
+    """Return the candidates within what is estimated, where the fit contradicts its priors.
+
+    A misfit pulls nuisances far from their priors. Derivatives there differ from row to row, so
+    that a column in the span of others, such as a scale common to all rows, seems to leave it. At
+    the values that the priors state it does not.
+    """
+    x, names = point.x.copy(), system.problem.names
+    for prior in system.problem.priors:
+        at = [names.index(name) for name in prior.names]
+        pulled = np.abs(x[0, at] - prior.mean) > _PULLED * np.sqrt(np.diagonal(prior.covariance))
+        chosen: list[int] = np.array(at)[pulled].tolist()
+        x[0, chosen] = np.broadcast_to(prior.mean, (len(at),))[pulled]
+    if np.array_equal(x, point.x):
+        return frozenset()
+    there = system.point(x, *system.evaluate(x))
+    return spanned_candidates(*_whitened_candidates(system, there))
 
 
 class LinearisedRows:

@@ -35,6 +35,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from inercal.advice import Change
 from inercal.arrays import Array
 from inercal.estimate.lazy_value import LazyValue
 
@@ -45,6 +46,9 @@ SCORE_TEST_SHARE = 0.8  # of the level, for the scores; the rest is for χ² and
 PARALLEL_COSINE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
 _MOST = 6  # directions, for the share of the level
+_CONTRADICTION = 6.0  # standard deviations
+_HARDLY_VISIBLE = 1e-3  # of the effect of a candidate
+_LINEARISATION = 0.05  # relative error of what a score test explains: its size is of first order
 
 
 def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> float:
@@ -65,6 +69,29 @@ def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> f
         if known
         else scipy.special.fdtrc(dof, noise_dof, chi2 / dof)
     )
+
+
+def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: float) -> float:
+    """Return the probability of a χ² as large as what a candidate leaves; 1 without dof.
+
+    The size of a candidate is that of the first order, so that of a large cause some is left: a
+    noncentral χ² with a twentieth of the amplitude that was explained.
+
+    Parameters
+    ----------
+    remaining, dof : float and int
+        χ² that the candidate leaves, and its degrees of freedom.
+    explained : float
+        By how much χ² falls.
+    noise_dof : float
+        As of `chi2_tail_probability`.
+    """
+    if dof <= 0:
+        return 1.0
+    away = _LINEARISATION**2 * explained
+    if np.isinf(noise_dof):
+        return float(1 - scipy.special.chndtr(remaining, dof, away))
+    return float(1 - scipy.special.ncfdtr(dof, noise_dof, away, remaining / dof))
 
 
 class ModelTest(NamedTuple):
@@ -104,6 +131,11 @@ class Candidate:
     largest : (k,) array, optional
         The largest plausible size of each component. A direction whose η at that size is below 3
         is not scored: what little the residuals show of it says nothing of its cause.
+    stated_sds : (k,) array, optional
+        The standard deviation of what is stated of each component, where that is a value; 0 where
+        it is stated as exact.
+    changes : tuple of Change
+        Keys of the run file that let the method estimate it, where they are known here.
     """
 
     name: str
@@ -113,6 +145,8 @@ class Candidate:
     rows: Array
     moved: Array | None = None
     largest: Array | None = None
+    stated_sds: Array | None = None
+    changes: tuple[Change, ...] = ()
 
     def without_zero_components(self) -> "Candidate":
         """Return the candidate without the components that act on no observation."""
@@ -124,6 +158,7 @@ class Candidate:
             rows=self.rows[:, acting],
             moved=None if self.moved is None else self.moved[:, acting],
             largest=None if self.largest is None else self.largest[acting],
+            stated_sds=None if self.stated_sds is None else self.stated_sds[acting],
         )
 
 
@@ -176,6 +211,12 @@ class ScoreTest:
         the candidate: by how much its largest plausible size would move it.
     explained : ExplainedResidual
         The part of the whitened residual that the candidate explains.
+    largest, stated_sds, changes
+        Of the candidate.
+    visible_share : float
+        Largest share of the candidate's column that the fit leaves to the residuals.
+    least_size : (k,) array, optional
+        The smallest sizes of the components that explain as much, SI: also of those left open.
     """
 
     name: str
@@ -188,11 +229,45 @@ class ScoreTest:
     dof: int
     shift: Array
     explained: ExplainedResidual
+    largest: Array | None = None
+    stated_sds: Array | None = None
+    changes: tuple[Change, ...] = ()
+    visible_share: float = 1.0
+    least_size: Array | None = None
 
     @property
     def p_value(self) -> float:
         """Probability of a fall of χ² at least as large where the candidate is zero."""
         return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+
+    @property
+    def is_implausible(self) -> bool:
+        """Whether a component is larger than the largest plausible size, by more than 6 sd."""
+        if self.largest is None:
+            return False
+        beyond = np.abs(np.nan_to_num(self.size)) - self.largest
+        return bool(np.any(beyond > _CONTRADICTION * np.nan_to_num(self.sd)))
+
+    @property
+    def departure(self) -> float:
+        """The largest departure from what was stated, in its standard deviations; 0 of others.
+
+        Of what is stated as exact a sixth of the largest plausible size stands for the deviation.
+        """
+        if self.stated_sds is None:
+            return 0.0
+        sixth = np.inf if self.largest is None else self.largest / _CONTRADICTION
+        sd = np.where(self.stated_sds > 0, self.stated_sds, sixth)
+        return float(np.max(np.abs(np.nan_to_num(self.size)) / sd, initial=0.0))
+
+    @property
+    def contradicts_statement(self) -> bool:
+        """Whether it departs from its statement by more than 6 sd where it is hardly visible.
+
+        What is estimated takes up all but a thousandth of its effect: the residuals show something
+        else that resembles the rest of it.
+        """
+        return self.departure > _CONTRADICTION and self.visible_share < _HARDLY_VISIBLE
 
     def cosine(self, other: "ScoreTest") -> float:
         """Return |cos| of the angle between what both explain; 0 where one explains nothing."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate import Candidate, Problem
+from inercal.estimate import Candidate, Gaussian, Problem
 from inercal.keys import CoefficientName, ErrorName, ObservationName
 from inercal.parameters import Parameter
 from inercal.sensors import G0, SI_UNITS, Sensor
@@ -64,7 +64,7 @@ def candidate_function(
     declared: Mapping[str, Parameter],
     time: Array | None = None,
     families: Mapping[str, Sequence[str]] | None = None,
-    prior_names: Sequence[str] = (),
+    priors: Sequence[Gaussian] = (),
     common_errors: Sequence[str] = (),
     zero_input: NDArray[np.bool_] | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
@@ -87,8 +87,8 @@ def candidate_function(
     families : mapping of str to sequence of str, optional
         Names of parameters that are tested together, by their full names: coefficients in place of
         those of one short name, parameters of the bench in place of each alone.
-    prior_names : sequence of str, optional
-        Coefficients that are estimated with a prior, which may be wrong.
+    priors : sequence of Gaussian, optional
+        On coefficients that are estimated; they may be wrong.
     common_errors : sequence of str, optional
         As of `common_error_candidates`.
     zero_input : (m,) array of bool, optional
@@ -113,7 +113,7 @@ def candidate_function(
             *candidates_from_columns(
                 larger.observations, sensor, names, declared, column, families
             ),
-            *prior_candidates(sensor, prior_names, column),
+            *prior_candidates(sensor, priors, column),
             *common_error_candidates(declared, column, common_errors),
             *(() if time is None else drift_candidates(larger.observations, sensor, time, column)),
         ]
@@ -139,7 +139,7 @@ def candidates_from_columns(
     families = families or {}
     return [
         *_coefficient_candidates(sensor, names, column, families),
-        *bench_candidates(declared, column, families),
+        *bench_candidates(declared, column, families, _row_labels(observations, sensor)),
         *row_candidates(observations, sensor),
     ]
 
@@ -189,20 +189,25 @@ def bench_candidates(
     declared: Mapping[str, Parameter],
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]] | None = None,
+    rows: Sequence[str] | None = None,
 ) -> list[Candidate]:
-    """Return the parameters of the bench that act on many rows, by their columns (m,).
+    """Return the parameters of the bench that act on several rows, by their columns (m,).
+
+    `rows` are the names of the observations' rows, (m,), where parameters of one position are
+    candidates too if its attitude is that of several rows; those of one row are if `families` has
+    them, because together they act on many.
 
     The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", are one candidate,
     "pose[XY30]": their sizes show which component is wrong.
     """
     kinds: dict[str, list[str]] = {}
     for name, parameter in declared.items():
-        if (
-            parameter.scope in _SHARED_SCOPES
-            and name in column
-            and _affects_observations(column[name])
-        ):
-            for kind in _family_names(name, families or {}) or [ErrorName(name).vector]:
+        if name not in column or not _affects_observations(column[name]):
+            continue
+        together = _family_names(name, families or {})
+        several = rows is not None and _affects_several_rows(column[name], rows)
+        if together or several or parameter.scope in _SHARED_SCOPES:
+            for kind in together or [ErrorName(name).vector]:
                 kinds.setdefault(kind, []).append(name)
     return [
         Candidate(
@@ -212,6 +217,7 @@ def bench_candidates(
             tuple(declared[name].unit for name in members),
             np.stack([column[name] for name in members], axis=-1),
             largest=np.array([_largest_departure(declared[name]) for name in members]),
+            stated_sds=np.array([declared[name].sd for name in members]),
         )
         for kind, members in kinds.items()
     ]
@@ -250,20 +256,24 @@ def common_error_candidates(
                 tuple(one.unit for one in first),
                 np.stack(columns, axis=-1),
                 largest=np.array([_largest_departure(one) for one in first]),
+                stated_sds=np.array([one.sd for one in first]),
             )
         )
     return result
 
 
 def prior_candidates(
-    sensor: Sensor, names: Sequence[str], column: Mapping[str, Array]
+    sensor: Sensor, priors: Sequence[Gaussian], column: Mapping[str, Array]
 ) -> list[Candidate]:
     """Return the priors of coefficients, which may be wrong: those of a kind, and each alone.
 
     With the column of a coefficient without the row of its prior the data alone determine it.
     """
+    sd_of: dict[str, float] = {}
+    for prior in priors:
+        sd_of |= dict(zip(prior.names, np.sqrt(np.diagonal(prior.covariance)), strict=True))
     kinds: dict[str, list[str]] = {}
-    for full in dict.fromkeys(names):
+    for full in sd_of:
         kinds.setdefault(CoefficientName(full).term, []).append(full)
     together = [(short, members) for short, members in kinds.items() if len(members) > 1]
     alone = [(full, [full]) for members in kinds.values() for full in members]
@@ -275,6 +285,7 @@ def prior_candidates(
             tuple(SI_UNITS[sensor.coefficient(full).unit] for full in members),
             np.stack([column[full] for full in members], axis=-1),
             largest=np.array([sensor.coefficient(full).largest for full in members]),
+            stated_sds=np.array([sd_of[full] for full in members]),
         )
         for name, members in (*together, *alone)
     ]
@@ -303,6 +314,18 @@ def _affects_observations(column: Array) -> bool:
     return bool(np.max(np.abs(column), initial=0.0) > _ROUNDING_LIMIT)
 
 
+def _affects_several_rows(column: Array, rows: Sequence[str]) -> bool:
+    """Return whether a parameter acts on the observations of two rows or more."""
+    acting = np.flatnonzero(np.abs(column) > _ROUNDING_LIMIT)
+    return len({rows[k] for k in acting.tolist()}) > 1
+
+
+def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
+    """Return the row of each observation."""
+    channels = {axis.name: axis.measures for axis in sensor.axes}
+    return [_row_label(label, channels) for label in observations]
+
+
 def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
     """Return each row separately, with arbitrary readings."""
     channels = {axis.name: _READING_UNITS[axis.measures] for axis in sensor.axes}
@@ -329,7 +352,7 @@ def drift_candidates(
     """
     span = float(np.ptp(time))
     channels = {axis.name: axis.measures for axis in sensor.axes}
-    rows = [_row_label(label, channels) for label in observations]
+    rows = _row_labels(observations, sensor)
     labels = list(dict.fromkeys(rows))
     if not span > 0 or len(labels) != len(time) or len(time) < 3:
         return []

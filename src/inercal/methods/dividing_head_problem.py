@@ -12,7 +12,6 @@ from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
 from inercal.errors import InputError
 from inercal.estimate import Gaussian, Problem
-from inercal.keys import CoefficientName
 from inercal.methods import candidates, mean_problem
 from inercal.parameters import Parameter
 from inercal.plan import Index
@@ -21,8 +20,6 @@ from inercal.sensors import Sensor
 
 MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error: higher ones act like errors of the graduations
-# Along the spindle only its lean is sensed, and kpp is k0 less k2: sin² + cos² = 1.
-_UNOBSERVED_TERMS = {"delta_p", "kio", "kpo", "koo", "kpp"}
 _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
 
 
@@ -85,7 +82,7 @@ def problem(
             reading_columns=_drift_columns(sensor, steps),
         )
 
-    larger = extended_planar_sensor(sensor, temperature_varies=observations.temperature_varies)
+    larger = candidates.extended_sensor(sensor, temperature_varies=observations.temperature_varies)
     wider = replace(
         bench, harmonics=(*bench.harmonics, *[0.0] * (_TESTED_HARMONICS - len(bench.harmonics)))
     )
@@ -104,23 +101,9 @@ def problem(
             larger,
             suspects,
             families=_test_families(sensor, bench, steps),
-            prior_names=[name for prior in priors for name in prior.names],
+            priors=priors,
         ),
     )
-
-
-def extended_planar_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
-    """Return the sensor with all coefficients that readings in the plane of rotation can show.
-
-    Those of temperature only where it is known and varies, `temperature_varies`.
-    """
-    whole = candidates.extended_sensor(sensor, temperature_varies=temperature_varies)
-    kept = (
-        name
-        for name in whole.coefficients
-        if name in sensor.coefficients or CoefficientName(name).term not in _UNOBSERVED_TERMS
-    )
-    return replace(whole, coefficients=tuple(kept))
 
 
 def _test_families(

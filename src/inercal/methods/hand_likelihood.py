@@ -108,6 +108,7 @@ def problem(
         name: one if one.sd > _EXACT_LIMIT else replace(one, sd=0.0)
         for name, one in bench.nuisances(done, sensor).items()
     }
+    switched = bench.turn_on_biases(done, sensor)
     turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
     forces: dict[str, Array] = {}
     if turns and not sensor.select_axes("f").axes:
@@ -130,6 +131,8 @@ def problem(
         unknown_forces=forces,
         stated_noise=noise,
         zero_input=_zero_input_readings(sensor, done),
+        families={"turn_on": tuple(switched)} if switched else None,
+        suspects=switched | declared,
     )
 
 

@@ -137,6 +137,7 @@ def problem(
     unknown_forces: Mapping[str, Array] | None = None,
     stated_noise: ReadingNoise | None = None,
     zero_input: NDArray[np.bool_] | None = None,
+    suspects: Mapping[str, Parameter] | None = None,
 ) -> Problem:
     """Return the problem of all readings.
 
@@ -171,8 +172,11 @@ def problem(
         In place of that of the observations.
     zero_input : (m r,) array of bool, optional
         As of `inercal.methods.candidates.candidate_function`.
+    suspects : mapping of str to Parameter, optional
+        The bench's parameters that are candidates, where they are more than those declared.
     """
     forces = unknown_forces or {}
+    doubted = declared if suspects is None else suspects
 
     def compare(unknowns: Unknowns) -> RowComparison:
         return compare_vectors(
@@ -183,7 +187,7 @@ def problem(
         whole = candidates.extended_sensor(
             sensor, temperature_varies=observations.temperature_varies
         )
-        freed = candidates.parameters_with_deviations(declared)
+        freed = candidates.parameters_with_deviations(doubted)
         return build_problem(whole, freed, compare, forces=forces)
 
     built = build_problem(sensor, declared, compare, priors, forces=forces)
@@ -194,10 +198,10 @@ def problem(
             larger,
             built.names,
             sensor,
-            declared,
+            doubted,
             observations.time if with_drift_candidate else None,
             families,
-            [name for prior in priors for name in prior.names],
+            priors,
             common_errors,
             zero_input,
         ),

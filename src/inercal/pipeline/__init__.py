@@ -28,6 +28,7 @@ from inercal.methods import Fit
 from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
+from inercal.pipeline.advisor import RunAdvisor
 from inercal.pipeline.calibration_record import (
     bench_estimates,
     provenance,
@@ -213,8 +214,14 @@ def calibrate(
     raise TypeError(f"data are a {type(data).__name__}: state method, sensor and bench too")
 
 
-def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Outcome:
-    """Calibrate from a run that was read and checked."""
+def _calibrate(
+    run: Run, progress: "Callable[[Generation], None] | None", *, advises: bool = True
+) -> Outcome:
+    """Calibrate from a run that was read and checked.
+
+    Advice is tried by calibrations that give no advice themselves.
+    """
+    stated = run
     inputs = run.kind.observe(run)
     try:
         run, inputs, thermal = fit_over_temperatures(run, inputs)
@@ -308,7 +315,17 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
     )
     row_word = "rest" if run.method.unknown_attitudes else run.kind.words.row
     possible = run.method.possible(sensor)
-    judged = verdict(estimate, sensor, findings, expected, possible, row_word)
+    advisor = None
+    if advises:
+        advisor = RunAdvisor(
+            stated,
+            estimate,
+            expected,
+            possible,
+            row_word,
+            lambda other: _calibrate(other, None, advises=False).estimate,
+        )
+    judged = verdict(estimate, sensor, findings, expected, possible, row_word, advisor)
     value, covariance = estimate.value[:p], estimate.stated_covariance[:p, :p]
     calibration = Calibration(
         sensor,

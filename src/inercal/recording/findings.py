@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from inercal.advice import Change
+
 Severity = Literal["note", "warning", "refused"]
 
 
@@ -22,6 +24,8 @@ class Finding:
         The channel; None for all channels.
     start, stop : int or None
         Half-open range of samples; None for all samples.
+    changes : tuple of Change
+        Keys of the run file that would take the finding away.
     """
 
     severity: Severity
@@ -30,3 +34,4 @@ class Finding:
     channel: str | None = None
     start: int | None = None
     stop: int | None = None
+    changes: tuple[Change, ...] = ()

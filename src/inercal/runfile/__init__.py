@@ -124,6 +124,8 @@ class Run:
         State of the bench's check standard, in words; empty where none is stated.
     held_files : mapping of str to Path
         Files that hold what a call gave in memory, by the names that [data] has for them.
+    sections : mapping of str to object
+        The sections as the run file states them.
     """
 
     path: Path
@@ -152,6 +154,7 @@ class Run:
     qualified: UsedQualifications = NO_QUALIFICATIONS
     check_standard: str = ""
     held_files: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    sections: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -316,7 +319,7 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
     except ValidationError as error:
         raise schema_error(error, content, model) from None
     run = _build_run(path, digest, schema, KINDS[kind], used)
-    return replace(run, reader_options=options)
+    return replace(run, reader_options=options, sections=content)
 
 
 def _build_run(

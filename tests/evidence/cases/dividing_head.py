@@ -225,6 +225,7 @@ def _case(
         ),
         Violation("one outlying position", "µg", UG, {"step": 1.0}, ("f01", "0° forward"), 1e6),
         sensor("k1_prime", "asymmetry of the scale factor", "ppm", 1e-6),
+        sensor("kpp", "cross-axis nonlinearity K_pp", "µg/g²", UG / G0**2),
         sensor("koq", "odd quadratic nonlinearity", "µg/g²", UG / G0**2),
         *(
             (

@@ -133,7 +133,7 @@ def six_position() -> Case:
 
     unknowns = sensor_models.triad(0.03 * G0, 0.01, 0.01)
     unknowns |= {"g": Unknown(GRAVITY_SD), **_tilts()}
-    left_out = sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "drift")
+    left_out = sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "kip", "kpo", "drift")
     return Case(
         "six_position",
         unknowns,

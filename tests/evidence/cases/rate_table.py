@@ -158,7 +158,7 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
             "[bench] lean",
         ),
         Violation("one outlying state", "mg", 1e-3 * G0, {"step": 1.0}, (_label(states[1]),), 1e4),
-        *sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "kip", "drift"),
+        *sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "kip", "kpo", "drift"),
         sensor_models.swap_columns(0, 1),
         sensor_models.reverse_axis(1),
         sensor_models.change_unit(1 / G0),

@@ -17,7 +17,7 @@ in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the 
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import pi, sqrt
 
@@ -148,6 +148,15 @@ class Hand:
         return self.acting_parameters(
             steps, rates=any(axis.measures == "w" for axis in sensor.axes)
         )
+
+    def turn_on_biases(self, steps: Sequence[HandStep], sensor: Sensor) -> dict[str, Parameter]:
+        """Return the gyros' biases of the sections, as exactly zero where nothing is stated."""
+        switched = replace(self, turn_on=self.turn_on or 1.0).nuisances(steps, sensor)
+        return {
+            name: one if self.turn_on else replace(one, sd=0.0)
+            for name, one in switched.items()
+            if one.name in _TURN_ON
+        }
 
     def acting_parameters(self, steps: Sequence[HandStep], *, rates: bool) -> dict[str, Parameter]:
         """Return the same; `rates` says whether rates are observed."""

@@ -192,6 +192,18 @@ class RatePlatform:
         acting |= dict(self._acting_places(steps, gyros, by_force))
         return acting
 
+    def suspects(self, steps: Sequence[PlatformStep], sensor: Sensor) -> dict[str, Parameter]:
+        """Return the parameters that may be wrong: those of `nuisances`, and those taken as exact.
+
+        These are the latitude, and the gyros' bias from setting to setting.
+        """
+        found = self.nuisances(steps, sensor)
+        if self.latitude is None or not sensor.select_axes("w").axes:
+            return found
+        found["latitude"] = Parameter("latitude", "rad", 0.0, "run", self.latitude, "latitude")
+        exact = self if self.turn_on is not None else replace(self, turn_on=0.0)
+        return found | exact.nuisances(steps, sensor)
+
     def _require_stated(self, steps: Sequence[PlatformStep], gyros: bool, by_force: bool) -> None:
         needed: dict[str, str] = {}
         rates, turns = _turning(steps) if gyros else ([], [])

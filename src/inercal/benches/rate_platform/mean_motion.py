@@ -12,7 +12,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion, stack_derivatives
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
-from inercal.earth import earth_rate_up_north
+from inercal.earth import EARTH_RATE
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
 
@@ -25,12 +25,13 @@ Value = Callable[[str], Array]
 
 
 class _RowMotion(NamedTuple):
-    """Specific force and rate of one section, (..., 3), and their derivatives by full name."""
+    """Specific force and rate of one section, (..., 3), their derivatives by full name, and up."""
 
     f: Array
     w: Array
     df: dict[str, Array]
     dw: dict[str, Array]
+    vertical: Array
 
 
 def sensed_motion(
@@ -48,7 +49,10 @@ def sensed_motion(
     shape = np.broadcast_shapes(*(np.shape(one) for one in q.values()))
     zero = np.zeros(shape)
     g = np.broadcast_to(np.asarray(q.get("g", bench.gravity.value), dtype=float), shape)
-    up_rate = 0.0 if bench.latitude is None else earth_rate_up_north(bench.latitude)[0]
+    place = None if bench.latitude is None else q.get("latitude", np.array(bench.latitude))
+    up_rate, north_rate = zero, zero
+    if place is not None:
+        up_rate, north_rate = zero + EARTH_RATE * np.sin(place), zero + EARTH_RATE * np.cos(place)
 
     def value(name: str) -> Array:
         return np.asarray(q.get(name, bench.qualified.correction(name)), dtype=float) + zero
@@ -60,6 +64,8 @@ def sensed_motion(
         for step in steps
     ]
     f, w = (np.stack([getattr(row, name) for row in rows], axis=-2) for name in ("f", "w"))
+    for row in rows:
+        row.dw["latitude"] = north_rate[..., None] * row.vertical
     return MeanMotion(
         Motion(f, w),
         stack_derivatives([row.df for row in rows], (*shape, 3)),
@@ -92,7 +98,7 @@ def tilt_directions(up: Array) -> tuple[Array, Array]:
 
 
 def _dwell(
-    step: RateDwell, value: Value, g: Array, up_rate: float, level: tuple[float, float]
+    step: RateDwell, value: Value, g: Array, up_rate: Array, level: tuple[float, float]
 ) -> _RowMotion:
     place, rate = step.place, step.rate
     up, across = np.array(step.up), perpendicular_axes(step.axis)
@@ -109,7 +115,7 @@ def _dwell(
     h1, h2 = (value(f"earth_{k}[{place}]")[..., None] for k in (1, 2))
     in_case = (c * h1 + s * h2, c * h2 - s * h1)
     by_turning = _slopes_of_rate(step)
-    along = np.full_like(g, rate + up_rate)[..., None]
+    along = (rate + up_rate)[..., None]
     for name, slope in by_turning.items():
         along = along + slope * value(name)[..., None]
     turn_on = np.stack([value(f"turn_on_{a}[{place}]") for a in "xyz"], axis=-1)
@@ -127,7 +133,7 @@ def _dwell(
         for k in (1, 2):
             df[f"arm_{k}[{place}]"] = np.broadcast_to(-(rate**2) * across[k - 1], f.shape)
         dw |= {name: slope * axis for name, slope in by_turning.items()}
-    return _RowMotion(f, w, df, dw)
+    return _RowMotion(f, w, df, dw, axis)
 
 
 def _slopes_of_rate(step: RateDwell) -> dict[str, float]:
@@ -146,7 +152,7 @@ def _slopes_of_rate(step: RateDwell) -> dict[str, float]:
     }
 
 
-def _pose(label: str, up: Array, value: Value, g: Array, up_rate: float) -> _RowMotion:
+def _pose(label: str, up: Array, value: Value, g: Array, up_rate: Array) -> _RowMotion:
     across = tilt_directions(up)
     t1, t2 = (value(f"attitude_{k}[{label}]")[..., None] for k in (1, 2))
     tilt = t1 * across[0] + t2 * across[1]
@@ -156,17 +162,17 @@ def _pose(label: str, up: Array, value: Value, g: Array, up_rate: float) -> _Row
     turn, by_mounting = exp_so3(mounting), left_jacobian(mounting)
     h1, h2 = (value(f"pose_earth_{k}[{label}]")[..., None] for k in (1, 2))
     f = g[..., None] * _turned(turn, vertical)
-    w = _turned(turn, up_rate * vertical + h1 * across[0] + h2 * across[1])
+    w = _turned(turn, up_rate[..., None] * vertical + h1 * across[0] + h2 * across[1])
     df, dw = {"g": _turned(turn, vertical)}, dict[str, Array]()
     for k, c in zip((1, 2), across, strict=True):
         by_tilt = _turned(turn, jacobian @ c)
         df[f"attitude_{k}[{label}]"] = g[..., None] * by_tilt
-        dw[f"attitude_{k}[{label}]"] = up_rate * by_tilt
+        dw[f"attitude_{k}[{label}]"] = up_rate[..., None] * by_tilt
         dw[f"pose_earth_{k}[{label}]"] = turn @ c
     for k, a in enumerate("xyz"):
         df[f"mounting_{a}"] = (-skew(f) @ by_mounting)[..., k]
         dw[f"mounting_{a}"] = (-skew(w) @ by_mounting)[..., k]
-    return _RowMotion(f, w, df, dw)
+    return _RowMotion(f, w, df, dw, _turned(turn, vertical))
 
 
 def _turned(matrix: Array, vector: Array) -> Array:

@@ -230,7 +230,9 @@ def _remarks(fit: Fit[Centrifuge, Spin]) -> Remarks:
     try:
         explained = find_omitted_coefficients(rows, fit.sensor, bench, steps, priors)
         if explained.words:
-            warnings = (Finding("warning", "left out", explained.describe()),)
+            warnings = (
+                Finding("warning", "left out", explained.describe(), changes=explained.changes),
+            )
         suspects = screen_rows(rows, explained.sensor, bench, steps, priors, explained.agreement)
     except NotObserved:
         return Remarks(warnings)  # the estimator raises the same with more detail

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inercal.advice import Change
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import NotObserved
 from inercal.estimate import Gaussian, least_squares
@@ -59,11 +60,19 @@ class OmittedCoefficients:
     outlier_counts: tuple[int, int]
     agreement: Agreement
 
-    def describe(self) -> str:
-        """Return the key to set, and what it explains."""
-        names = ", ".join(f'"{word}"' for word in self.words)
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """The keys that let the method estimate them."""
+        form = (Change("sensor", "form", self.sensor.form),)
         return (
-            f"[method] also = [{names}] explains the residuals: without it most rows scatter "
+            Change("method", "also", self.words),
+            *(form if "nonorthogonality" in self.words else ()),
+        )
+
+    def describe(self) -> str:
+        """Return what they explain."""
+        return (
+            f"{', '.join(self.words)} explains the residuals: without it most rows scatter "
             f"{self.before:.3g} times as much as stated and {self.outlier_counts[0]} rows are "
             f"outliers; with it {self.after:.3g} times and {self.outlier_counts[1]}"
         )

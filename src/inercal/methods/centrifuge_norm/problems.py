@@ -102,7 +102,7 @@ def norm_problem(
             declared,
             observations.time,
             families=_nonorthogonality_family(sensor),
-            prior_names=[name for prior in priors for name in prior.names],
+            priors=priors,
         )
         arms = (
             () if larger.uses("wi", "wp", "wo") else _lever_arm_candidates(built, sensor, steps, x)

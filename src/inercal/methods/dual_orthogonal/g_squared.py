@@ -29,7 +29,6 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
 from inercal.keys import CoefficientName
 from inercal.methods import candidates
-from inercal.methods.dividing_head_problem import extended_planar_sensor
 from inercal.methods.mean_problem import ROUNDING
 from inercal.motion import Motion
 from inercal.plan import Index
@@ -156,7 +155,7 @@ def problem(
         return seen.residual, seen.jacobian
 
     def suspects(x: Array) -> list[Candidate]:
-        larger = extended_planar_sensor(sensor)
+        larger = candidates.extended_sensor(sensor)
         there = np.concatenate([x, np.zeros(len(larger.coefficients) - p)])
         seen = compare_with_gravity(larger, y, there, g)
         column: dict[str, Array] = dict(zip(larger.coefficients, seen.jacobian.T, strict=True))
@@ -169,12 +168,11 @@ def problem(
                 column[name] = -seen.by_reading[:, k] * ramp
                 families.setdefault(f"drift of {channel}", []).append(name)
         declared = bench.nuisances(steps, sensor)
-        known = [name for prior in priors for name in prior.names]
         return [
             *candidates.candidates_from_columns(
                 observations.labels, larger, sensor.coefficients, declared, column, families
             ),
-            *candidates.prior_candidates(sensor, known, column),
+            *candidates.prior_candidates(sensor, priors, column),
         ]
 
     return Problem(

@@ -29,7 +29,7 @@ from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate.lazy_value import LazyValue
 from inercal.methods._base import Fit, Method, Remarks
-from inercal.methods.multi_position.advice import advice, g_sensitivity_notes, gravity_notes
+from inercal.methods.multi_position.advice import advice, g_sensitivity_findings, gravity_notes
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
 from inercal.methods.multi_position.coverage_requirements import require_coverage
 from inercal.methods.multi_position.rest_observations import Rests
@@ -128,7 +128,7 @@ def _checked_rests(
 def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
-    notes = g_sensitivity_notes(rests, estimate) + gravity_notes(rests, estimate)
+    notes = gravity_notes(rests, estimate)
     if not rests.temperature_offsets.ndim:  # else another temperature may help as well
         notes += advice(rests, estimate)
     if rests.transitions is None:
@@ -147,12 +147,16 @@ def _frame(bench: Hand) -> Frame:
 
 def _remarks(fit: Fit[Hand, Any]) -> Remarks:
     """Return the delay of the gyros, where the run file requests it."""
-    if not fit.time_offset or not np.all(fit.estimate.converged):
+    if not np.all(fit.estimate.converged):
         return Remarks()
+    findings = g_sensitivity_findings(Rests(fit.observations, fit.sensor, fit.bench), fit.estimate)
+    if not fit.time_offset:
+        return Remarks(findings, tuple(one.message for one in findings))
     late = gyro_delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)
     text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
     note = f"the gyros' samples are {text} later than the accelerometers'"
-    return Remarks(notes=(note,), conditions={"delay of the gyros": text})
+    notes = (*(one.message for one in findings), note)
+    return Remarks(findings, notes, {"delay of the gyros": text})
 
 
 METHOD = Method(

@@ -5,12 +5,14 @@
 import numpy as np
 import scipy
 
+from inercal.advice import Change
 from inercal.arrays import Array
 from inercal.earth import COMPUTED_GRAVITY_SD
 from inercal.estimate import Estimate
 from inercal.methods.multi_position.attitude_coverage import GeometryErrors, next_attitudes
 from inercal.methods.multi_position.coverage_requirements import attitudes_in_words
 from inercal.methods.multi_position.rest_observations import Rests
+from inercal.recording import Finding
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
@@ -100,8 +102,8 @@ def _shifts(estimate: Estimate, name: str) -> Array:
     return column / np.sqrt(variance) if variance > 0 else np.zeros(len(column))
 
 
-def g_sensitivity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
-    """Return a note where the rates at rest follow gravity and the gyros' model has no g term.
+def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, ...]:
+    """Return a finding where the rates at rest follow gravity and the gyros' model has no g term.
 
     An F test of the rates' residuals against the attitude, at 0.1 %.
     """
@@ -123,10 +125,11 @@ def g_sensitivity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     if scipy.special.fdtrc(9, freedom, ratio) > _TEST_LEVEL:
         return ()
     explained = 100 * (1 - with_it / alone)
-    return (
+    text = (
         f"the rates at rest follow gravity ({explained:.0f} % of their scatter): the gyros are "
-        'sensitive to acceleration; estimate this too by [method] also = ["g"]',
+        "sensitive to acceleration"
     )
+    return (Finding("note", "g", text, changes=(Change("method", "also", ("g",)),)),)
 
 
 def _residual_sum_of_squares(design: Array, y: Array) -> float:

@@ -6,10 +6,11 @@ rotations of the transitions, which are integrated again with a small step of th
 
     column = (ρ(ω + δ basis) − ρ(ω)) / δ
 
-The candidates are coefficients of the sensor that are not estimated, a drift of the biases over
-the run, and arbitrary errors of single rests. Three errors change no residual and are not among
-them: further misalignments of the accelerometers only turn the frame, gravity only changes the
-accelerometers' scale, and the recording's clock only the gyros' scale.
+The candidates are coefficients of the sensor that are not estimated, gravity, the latitude and the
+clock of the recording as stated, a drift of the biases over the run, and arbitrary errors of single
+rests. Gravity only changes the scale of the accelerometers, and the clock only that of the gyros:
+they are candidates because the verdict lists what no residual shows. Further misalignments of the
+accelerometers are not, because they only turn the frame, which is defined by the accelerometers.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,9 +19,10 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.earth import earth_rate_up_north
 from inercal.estimate import Candidate
 from inercal.keys import CoefficientName
-from inercal.methods.candidates import family_name
+from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, largest_angle
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
 from inercal.methods.multi_position.rotations import (
     inverse_model,
@@ -29,7 +31,8 @@ from inercal.methods.multi_position.rotations import (
 )
 from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
 from inercal.motion import Motion
-from inercal.sensors import SI_UNITS, Sensor
+from inercal.sensors import G0, SI_UNITS, Sensor
+from inercal.units import Measured
 
 Basis = Callable[[Motion], Array]
 
@@ -39,6 +42,7 @@ _TESTED_GROUPS = {
 }
 _NAMES = {"f": "accelerometers", "w": "gyros"}
 _UNITS = {"f": "m/s²", "w": "rad/s"}
+_GRAVITY, _EARTH_UP, _CLOCK = 0, 3, 4  # their places in x behind the coefficients
 _TURN_STEP = 1e-4  # rad that a candidate turns in all transitions at most
 _CHUNK_SAMPLES = 100_000  # samples
 _ROUNDING_LIMIT = 1e-12  # SI per SI unit; less is rounding
@@ -58,11 +62,22 @@ def candidates(rests: Rests, rows: ResidualRows, x: Array) -> Iterator[Candidate
     enter = reading_sensitivities(rests, rows)
     yield from _coefficient_candidates(rests, rows, x, enter)
     yield from _drift_candidates(rests, rows, x, enter)
+    yield from _statement_candidates(rests, rows)
     yield from _single_rest_candidates(rests, enter)
 
 
+def _tested(sensor: Sensor, kind: str) -> tuple[str, ...]:
+    """Return the groups of coefficients that are candidates; of the square of g beside g alone."""
+    squares = kind == "w" and _estimates(sensor, "g")
+    return (*_TESTED_GROUPS[kind], *(("g2",) if squares else ()))
+
+
+def _estimates(sensor: Sensor, group: str) -> bool:
+    return any(_in_group(group, sensor, full) for full in sensor.coefficients)
+
+
 def _extended_sensor(sensor: Sensor, more: tuple[str, ...]) -> Sensor:
-    words = [word for kind in {a.measures for a in sensor.axes} for word in _TESTED_GROUPS[kind]]
+    words = [word for kind in {a.measures for a in sensor.axes} for word in _tested(sensor, kind)]
     return sensor.with_coefficients(*sorted({*words, *more}))
 
 
@@ -83,7 +98,7 @@ def _coefficient_candidates(
         axis = next(k for k, one in enumerate(sensor.axes) if one.name == name)
         measures = sensor.axes[axis].measures
         if full in sensor.coefficients or not any(
-            _in_group(word, larger, full) for word in (*_TESTED_GROUPS[measures], *more)
+            _in_group(word, larger, full) for word in (*_tested(sensor, measures), *more)
         ):
             continue
         alone = replace(sensor, axes=(sensor.axes[axis],), coefficients=(full,))
@@ -204,6 +219,31 @@ def _drift_candidates(
                 (_UNITS[kind],) * len(chosen),
                 np.stack([column for _, column in chosen], axis=-1),
             )
+
+
+def _statement_candidates(rests: Rests, rows: ResidualRows) -> Iterator[Candidate]:
+    """Return gravity, the latitude and the clock as stated.
+
+    Of the latitude the vertical part of the earth's rate, Ω sin φ, is seen.
+    """
+    first, bench, place = len(rests.sensor.coefficients), rests.bench, rests.bench.place
+    stated = [("g", "m/s²", bench.gravity, 1.0, _GRAVITY, LARGEST_RELATIVE_SIZE * G0)]
+    if rests.transitions is not None:
+        clock = Measured(0.0, bench.timebase)
+        stated.append(("timebase", "1", clock, 1.0, _CLOCK, LARGEST_RELATIVE_SIZE))
+        if place is not None:
+            _, north = earth_rate_up_north(place.value)
+            stated.append(("latitude", "rad", place, north, _EARTH_UP, largest_angle("latitude")))
+    for name, unit, value, factor, place_in_x, largest in stated:
+        yield Candidate(
+            name,
+            "bench",
+            (name,),
+            (unit,),
+            factor * rows.jacobian[:, [first + place_in_x]],
+            largest=np.array([largest]),
+            stated_sds=np.array([value.sd]),
+        )
 
 
 def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:

@@ -13,7 +13,7 @@ Source: IEEE Std 952 and 1431, scale-factor and bias tests on a rate table; IEEE
 multipoint tests; the likelihood is ours.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem
-from inercal.keys import CoefficientName
+from inercal.keys import CoefficientName, ErrorName
 from inercal.methods import mean_problem, trial_blocks
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import require_matching_rows
@@ -33,6 +33,7 @@ from inercal.methods.rates_and_poses.equal_weights import least_squares_line, re
 from inercal.methods.rates_and_poses.plan_structure import require_determined
 from inercal.methods.rates_and_poses.platform_plans import plan
 from inercal.methods.rates_and_poses.sign_terms import readings_without_input, without_signs
+from inercal.parameters import Parameter
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
@@ -68,7 +69,7 @@ def ml(
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
     require_matching_rows(observations, sensor, done)
-    declared = bench.nuisances(done, sensor)
+    declared, suspects = bench.nuisances(done, sensor), bench.suspects(done, sensor)
     _refuse_profiles(sensor, done)
     used = _used_readings(sensor, done)
     require_determined(observations, sensor, bench, done, priors, used)
@@ -83,6 +84,8 @@ def ml(
             own,
             with_drift_candidate=True,
             zero_input=unsigned,
+            families=_turn_on_family(suspects),
+            suspects=suspects,
         )
         return mean_problem.row_subset(without_signs(whole, sensor, unsigned), used)
 
@@ -113,6 +116,17 @@ def ieee(
     done = [by_label[label] for label in observations.labels]
     line = least_squares_line(observations, sensor, bench, done, _used_readings(sensor, done))
     return with_problem_tests(line, by_problem)
+
+
+def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, ...]]:
+    """Return the gyros' biases that differ between settings as one candidate, and by setting."""
+    result: dict[str, tuple[str, ...]] = {}
+    for full in suspects:
+        name = ErrorName(full)
+        if name.name.startswith("turn_on"):
+            for kind in ("turn_on", name.vector):
+                result[kind] = (*result.get(kind, ()), full)
+    return result
 
 
 def _used_readings(sensor: Sensor, steps: Sequence[PlatformStep]) -> NDArray[np.int64]:

@@ -19,8 +19,6 @@ from inercal.frames import exp_so3
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
 from inercal.methods.systematic.coefficient_rules import (
-    COMMON_ARM,
-    FRAME,
     require_turns,
 )
 from inercal.methods.systematic.navigation import ImuModel
@@ -200,15 +198,11 @@ def omitted_coefficients(
     names = larger.model.sensor.coefficients
     at = np.concatenate([[values.get(name, 0.0) for name in names], x[p:]])
     _, jacobian = larger.linearise(at)
-    # Gauges, chosen or not, explain nothing.
-    column = {
-        name: jacobian[:, k] for k, name in enumerate(names) if name not in (*FRAME, *COMMON_ARM)
-    }
+    # Gauges, which turn the frame or move its origin, explain nothing: the verdict lists them.
+    column = {name: jacobian[:, k] for k, name in enumerate(names)}
     q = len(names)
     column |= {"g": jacobian[:, q + 1], "latitude": jacobian[:, q + 2]}
-    found = candidates_from_columns(
-        rows.labels, sensor, (*sensor.coefficients, *FRAME, *COMMON_ARM), declared, column
-    )
+    found = candidates_from_columns(rows.labels, sensor, sensor.coefficients, declared, column)
     return [one for one in found if one.kind != "row"] + _row_candidates(rows, m)
 
 

@@ -1,14 +1,16 @@
 """Generalised least squares of a ramp: coefficients, constants, and the lag where it is free."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.earth import EARTH_RATE
 from inercal.environment import Environment
-from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.estimate import Candidate, Estimate, Gaussian, Problem, least_squares
 from inercal.estimate.problem import Linearise
 from inercal.keys import ErrorName
+from inercal.methods.temperature_ramp.ramp_candidates import ramp_candidates
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
 from inercal.sensors import G0, Sensor
 
@@ -29,7 +31,8 @@ def fit_ramp(model: RampModel, priors: Sequence[Gaussian], environment: Environm
     """
     rows = model.blocks.time.size * len(model.sensor.axes)
     lag = 0.0 if environment.lag is None else environment.lag.value
-    return solve_ramp(model, priors, environment, model.linearise, rows, lag)
+    tests = ramp_candidates(model)
+    return solve_ramp(model, priors, environment, model.linearise, rows, lag, candidates=tests)
 
 
 def solve_ramp(
@@ -39,6 +42,7 @@ def solve_ramp(
     linearise: Linearise,
     rows: int,
     lag: float,
+    candidates: Callable[[Array], Sequence[Candidate]] | None = None,
 ) -> Estimate:
     """Return the estimate by whitened rows that `linearise` gives, started at a lag, s."""
     names, sensor = model.names, model.sensor
@@ -60,6 +64,7 @@ def solve_ramp(
             scale,
             priors=(*priors, *_nuisance_priors(model, environment)),
             wanted=sensor.coefficients,
+            candidates=candidates,
         )
     )
 

@@ -1,0 +1,248 @@
+"""Advice that was followed before it is given: the run with changed keys is calibrated again.
+
+A change that the run file, the plan or the data refuse is no advice, nor is one by which χ² falls
+far less than the cause explains. Of coefficients that no test shows, a recording is not calibrated
+again: it would take as long as the calibration itself.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from math import ceil, floor, log10
+
+import numpy as np
+
+from inercal.advice import Advice, Change, with_changes
+from inercal.benches.key_declarations import declarations
+from inercal.calibration.advising import action_on, also
+from inercal.calibration.grade import SuspectedCause
+from inercal.errors import InercalError
+from inercal.estimate import Estimate
+from inercal.keys import CoefficientName, ErrorName
+from inercal.parameters import Parameter
+from inercal.runfile import Run, from_sections
+from inercal.units import Measured
+
+_ENOUGH = 0.9  # of the fall of χ² that a cause explains
+_SAME = 1.0  # of χ²
+_PRIOR = "prior of "  # begins the name of the prior of a coefficient
+_HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
+# Keys of parameters that no line of a bench declares.
+_KEYS = {"g": "gravity", "earth_up": "latitude", "index": "indexing", "rate": "rate_error"}
+_UNITS = {
+    "rad": ("rad", 1.0),
+    "1": ("ppm", 1e6),
+    "m": ("m", 1.0),
+    "s": ("s", 1.0),
+    "m/s²": ("m/s²", 1.0),
+    "rad/s": ("rad/s", 1.0),
+    "(m/s²)⁻¹": ("1/(m/s²)", 1.0),
+}
+
+
+class RunAdvisor:
+    """Advice on one run.
+
+    Parameters
+    ----------
+    run : Run
+        As the run file states it.
+    estimate : Estimate
+    expected : mapping of str to Parameter
+        The bench's parameters by full name.
+    possible : sequence of str
+        Full names of the coefficients that the method can estimate.
+    row_word : str
+        Word for a row of the data.
+    calibrated : callable
+        From a run to its estimate.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        estimate: Estimate,
+        expected: Mapping[str, Parameter],
+        possible: Sequence[str],
+        row_word: str,
+        calibrated: Callable[[Run], Estimate],
+    ) -> None:
+        self._run, self._estimate, self._expected = run, estimate, expected
+        self._possible, self._row_word, self._calibrated = possible, row_word, calibrated
+
+    def on_cause(self, cause: SuspectedCause) -> Advice:
+        """Return the keys that count or estimate a cause; an action where none do."""
+        before, best = self._estimate.score_tests.chi2, None
+        for changes in self._alternatives(cause):
+            completed = self._completed(changes)
+            after = self._chi2_after(completed)
+            if after is None or before - after < _ENOUGH * cause.chi2 - cause.dof:
+                continue
+            # More keys only for what they explain beyond fewer.
+            if best is None or best.chi2 is None or after < best.chi2 - _SAME:
+                best = Advice(cause.name, completed, chi2=after)
+            if after < cause.remaining_chi2 + _SAME:
+                break
+        return best or Advice(cause.name, action=action_on(cause, self._row_word))
+
+    def on_coefficients(self, names: Sequence[str]) -> Advice | None:
+        """Return the key that estimates coefficients of which no test shows anything, if any."""
+        shown = {
+            name
+            for score in self._estimate.score_tests.scores
+            if score.dof == len(score.components)
+            for name in (score.name, *score.components)
+        }
+        chosen = tuple(name for name in names if name in shown)
+        accepted = chosen if chosen and self._is_accepted(chosen) else ()
+        for name in chosen if len(chosen) > 1 and not accepted else ():
+            if self._is_accepted((*accepted, name)):
+                accepted = (*accepted, name)
+        if not accepted:
+            return None
+        return Advice(", ".join(accepted), self._completed((also(accepted),)))
+
+    def on_changes(self, advice: Advice) -> Advice | None:
+        """Return the advice of a method with its key completed, if it can be followed."""
+        completed = self._completed(advice.changes)
+        after = self._chi2_after(completed)
+        if after is None or after > self._estimate.score_tests.chi2:
+            return None
+        return replace(advice, changes=completed, chi2=after)
+
+    def _is_accepted(self, names: tuple[str, ...]) -> bool:
+        changes = self._completed((also(names),))
+        if self._run.data.kind == "means":
+            return self._chi2_after(changes) is not None
+        try:
+            self._changed_run(changes)
+        except InercalError:
+            return False
+        return True
+
+    def _chi2_after(self, changes: tuple[Change, ...]) -> float | None:
+        """Return χ² of the run with changes; None where it is refused.
+
+        A search of minutes is not repeated.
+        """
+        if self._run.search is not None:
+            return None
+        try:
+            estimate = self._calibrated(self._changed_run(changes))
+        except InercalError:
+            return None
+        return estimate.score_tests.chi2
+
+    def _changed_run(self, changes: tuple[Change, ...]) -> Run:
+        run = self._run
+        return from_sections(run.path, with_changes(run.sections, changes), run.sha256)
+
+    def _completed(self, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+        """Return changes with the coefficients that the run file adds already."""
+        stated = self._run.sections.get("method", {}).get("also", ())
+        return tuple(
+            replace(one, value=list(dict.fromkeys((*stated, *one.value))))
+            if (one.section, one.key) == ("method", "also")
+            else one
+            for one in changes
+        )
+
+    def _alternatives(self, cause: SuspectedCause) -> list[tuple[Change, ...]]:
+        """Return changes that may count a cause, the shortest first."""
+        if cause.changes:
+            return [cause.changes]
+        if cause.kind == "coefficient" and set(cause.components) <= set(self._possible):
+            words = list(dict.fromkeys(((cause.name,), cause.components)))
+            plain = [(also(one),) for one in words]
+            angles = {CoefficientName(name).term for name in cause.components}
+            if self._run.sensor.form == "tilted" or not angles & {"delta_o", "delta_p"}:
+                return plain
+            tilted = Change("sensor", "form", "tilted")
+            return [*plain, *((*one, tilted) for one in plain)]
+        return [changes] if cause.kind == "bench" and (changes := self._of_bench(cause)) else []
+
+    def _of_bench(self, cause: SuspectedCause) -> tuple[Change, ...]:
+        """Return the keys of [bench] with deviations as large as the parameters depart."""
+        sizes: dict[str, tuple[str, float]] = {}
+        stated = self._run.sections.get("bench", {})
+        harmonics = list(stated.get("harmonics", ("1 ″", "1 ″")))
+        if cause.components[0].startswith(_PRIOR):
+            return self._of_priors(cause)
+        # The data leave some components open, such as the sum of what differs between sections:
+        # of k components of equal deviation the least sizes have d directions.
+        departures = np.array(cause.least_sizes or cause.sizes)
+        open_ = cause.dof < len(cause.components)
+        typical = float(np.sqrt(np.nansum(departures**2) / max(cause.dof, 1)))
+        for full, size, unit in zip(
+            cause.components, departures.tolist(), cause.units, strict=True
+        ):
+            if not np.isfinite(size) or unit not in _UNITS:
+                return ()
+            if size == 0:
+                continue
+            name = ErrorName(full).name
+            if harmonic := _HARMONIC.fullmatch(name):
+                order = int(harmonic[1])
+                harmonics += ["0 ″"] * (order - len(harmonics))
+                sizes["harmonics"] = (full, max(abs(size), sizes.get("harmonics", ("", 0.0))[1]))
+                harmonics[order - 1] = f"{_rounded_up(sizes['harmonics'][1])} rad"
+                continue
+            key, size = self._key(name), max(abs(size), typical) if open_ else abs(size)
+            if key not in sizes or size > sizes[key][1]:
+                sizes[key] = (full, size)
+        return tuple(
+            Change("bench", key, harmonics)
+            if key == "harmonics"
+            else Change("bench", key, self._text(stated.get(key), full, size))
+            for key, (full, size) in sizes.items()
+        )
+
+    def _of_priors(self, cause: SuspectedCause) -> tuple[Change, ...]:
+        """Return priors of coefficients with deviations as large as the data depart from them."""
+        sensor, means = self._run.sensor, dict[str, float]()
+        for prior in self._run.priors:
+            means |= dict(zip(prior.names, prior.mean.tolist(), strict=True))
+        changes: list[Change] = []
+        for name, size in zip(cause.components, cause.sizes, strict=True):
+            full = name.removeprefix(_PRIOR)
+            line = sensor.coefficient(full)
+            text = f"{means[full] / line.si:.9g} ± {_rounded_up(abs(size) / line.si)} {line.unit}"
+            changes.append(Change("method.prior", full, text))
+        return tuple(changes)
+
+    def _key(self, name: str) -> str:
+        """Return the key of [bench] that states a parameter."""
+        for field, one in declarations(type(self._run.bench)).items():
+            names = [field] if isinstance(one.parameters, str) else one.parameters
+            if name in names:
+                return one.key or field
+        stem = re.sub(r"(_[a-z12]|\d)$", "", name)
+        return _KEYS.get(name, _KEYS.get(stem, stem))
+
+    def _text(self, stated: str | None, full: str, size: float) -> str:
+        """Return a deviation, or a measured constant with a deviation, as a run file has it."""
+        parameter = self._expected.get(full)
+        name = ErrorName(full).name
+        unit, factor = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
+        deviation = f"{_rounded_up(size * factor)} {unit}"
+        value = getattr(self._run.bench, {"g": "gravity"}.get(name, name), None)
+        if not isinstance(value, Measured):
+            return deviation
+        before = stated.partition("±")[0].strip() if stated else ""
+        known = value.value if parameter is None else parameter.value
+        return f"{before or f'{known!r} {unit}'} ± {deviation}"
+
+    def _unit(self, full: str) -> str:
+        scores = self._estimate.score_tests.scores
+        return next(
+            unit
+            for score in scores
+            for name, unit in zip(score.components, score.units, strict=True)
+            if name == full
+        )
+
+
+def _rounded_up(size: float) -> str:
+    """Return a positive number with two digits, not smaller."""
+    step = 10.0 ** (floor(log10(size)) - 1)
+    return f"{ceil(size / step) * step:.6g}"

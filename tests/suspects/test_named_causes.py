@@ -1,0 +1,290 @@
+"""Which cause a verdict names, which it never names, and what it says where no cause explains."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.accuracy import ramps
+from tests.accuracy.ferraris import DEGREE, mems
+from tests.accuracy.handheld import Session, record
+from tests.evidence import temperature_ramps
+from tests.evidence.violation_cells import base_cells, calibrate_device, find_case
+from tests.suspects.rate_platform_runs import arguments, table
+
+import inercal
+from inercal.benches import Hand
+from inercal.calibration.grade import assess
+from inercal.estimate import Candidate, Estimate, Problem, least_squares
+from inercal.estimate.scores import SIGNIFICANCE_LEVEL
+from inercal.methods import METHODS
+from inercal.methods.temperature_ramp import ramp, rest
+from inercal.pipeline import Outcome
+from inercal.recording import Mark, Recording
+from inercal.segments import (
+    holds_from_marks,
+    holds_from_observations,
+    observe,
+    transitions_between_rests,
+)
+from inercal.sensors import imu
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+Settings = NDArray[np.str_]
+
+
+def platform(seed: int, method: dict[str, Any] | None = None, **made: Any) -> Outcome:
+    """Return the outcome of a table of means on a rate platform."""
+    return inercal.calibrate(table(np.random.default_rng(seed), **made), **arguments(method))
+
+
+def switched(y: Array, w: Array, setting: Settings) -> None:
+    """Change the biases of one setting, as after another turn-on."""
+    y[setting == "y"] += np.array([0.004, -0.003, 0.005])
+
+
+def clipped(y: Array, w: Array, setting: Settings) -> None:
+    np.clip(y, -70, 70, out=y)
+
+
+def one_rate_off(y: Array, w: Array, setting: Settings) -> None:
+    y[np.abs(w) > 90] *= 0.99
+
+
+def stepped(y: Array, w: Array, setting: Settings) -> None:
+    y[len(y) // 2 :, 2] += 0.01
+
+
+def settling(y: Array, w: Array, setting: Settings) -> None:
+    y += 0.02 * np.exp(-np.arange(len(y)) / 10)[:, None]
+
+
+def quadratic(y: Array, w: Array, setting: Settings) -> None:
+    y += 0.02 * (np.linspace(-1, 1, len(y)) ** 2)[:, None]
+
+
+def hysteresis(y: Array, w: Array, setting: Settings) -> None:
+    y += 0.005 * np.sign(np.gradient(w.sum(axis=1)))[:, None]
+
+
+def cubic(y: Array, w: Array, setting: Settings) -> None:
+    y += 2e-7 * w**3
+
+
+def test_biases_that_differ_between_settings_are_named_turn_on():
+    found = [platform(seed, change=switched).verdict for seed in range(5)]
+    assert [one.suspect and one.suspect.name.partition("[")[0] for one in found] == ["turn_on"] * 5
+    for one in found:
+        (advice,) = [given for given in one.advice if given.changes]
+        assert [(c.section, c.key) for c in advice.changes] == [("bench", "turn_on")]
+
+
+def test_a_wrong_latitude_is_named_and_not_a_sensitivity_to_acceleration():
+    names = [platform(seed, latitude=60.0).verdict.suspect for seed in range(5)]
+    assert [one and one.name for one in names] == ["latitude"] * 5
+
+
+@pytest.mark.parametrize("change", [clipped, one_rate_off, stepped, hysteresis])
+@pytest.mark.parametrize("axes", ["z", "xyz"])
+def test_a_scale_of_all_rates_is_never_named_where_scale_factors_are_free(
+    change: Callable[[Array, Array, Settings], None], axes: str
+):
+    method = (
+        {} if axes == "xyz" else {"coefficients": ["gx.bias", "gy.bias", "gz.bias", "gz.scale"]}
+    )
+    verdict = platform(3, method, change=change, axes=axes).verdict
+    assert verdict.grade != "consistent"
+    for one in (verdict.suspect, verdict.best):
+        assert one is None or "rate_scale" not in (one.name, *one.indistinguishable)
+
+
+@pytest.mark.parametrize("change", [stepped, settling, quadratic, hysteresis])
+def test_causes_that_are_no_candidates_have_no_name_but_what_they_leave(
+    change: Callable[[Array, Array, Settings], None],
+):
+    verdict = platform(4, change=change).verdict
+    assert verdict.grade != "consistent"
+    assert verdict.suspect is None
+    assert verdict.best is None or verdict.best.remaining_p_value < SIGNIFICANCE_LEVEL
+    assert not any(reason.startswith("suspect") for reason in verdict.reasons)
+
+
+def test_a_cubic_scale_is_recommended_only_where_the_rates_determine_it():
+    several, one = platform(5, change=cubic), platform(5, change=cubic, speeds=(0.0, 50.0))
+    assert [given.coefficients for given in several.verdict.advice] == [("scale3",)]
+    assert not any("scale3" in given.coefficients for given in one.verdict.advice)
+
+
+def line(extra: Array, readings: Array, **stated: Any) -> Estimate:
+    """Return the fit of a constant to readings of sd 1, with one candidate."""
+    rows = len(readings)
+    design = np.ones((rows, 1))
+
+    def candidates(_: Array) -> list[Candidate]:
+        names = tuple(f"c{k}" for k in range(extra.shape[1]))
+        return [Candidate("cause", "bench", names, ("m",) * len(names), extra, **stated)]
+
+    return least_squares(
+        Problem(
+            ("k0",),
+            np.zeros(1),
+            lambda x: (readings - x @ design.T, design),
+            np.ones(rows),
+            np.ones(1),
+            candidates=candidates,
+        )
+    )
+
+
+def test_a_cause_that_uses_up_the_degrees_of_freedom_is_not_named():
+    readings = np.array([0.0, 20.0, -15.0, 7.0])
+    whole = line(np.eye(4)[:, :3], readings)
+    assert whole.score_tests.dof == whole.score_tests.scores[0].dof == 3
+    assert assess(whole, 1).scores_reject
+    assert assess(whole, 1).best is None
+
+
+def test_a_cause_of_impossible_size_is_not_named():
+    ramp_of_rows = np.linspace(-1, 1, 20)[:, None]
+    readings = 30 * ramp_of_rows[:, 0] + np.random.default_rng(1).standard_normal(20)
+    possible = line(ramp_of_rows, readings, largest=np.array([30.0]))
+    impossible = line(ramp_of_rows, readings, largest=np.array([10.0]))
+    assert assess(possible, 1).suspect is not None
+    assert assess(impossible, 1).best is None
+
+
+def test_a_statement_that_is_hardly_visible_and_departs_by_more_than_six_sd_is_not_named():
+    wave = np.linspace(-1, 1, 20)
+    readings = 20 * wave + np.random.default_rng(2).standard_normal(20)
+    column = (1e5 + wave)[:, None]  # nearly that of the constant that is estimated
+    kept = line(column, readings, stated_sds=np.array([10.0]))
+    contradicted = line(column, readings, stated_sds=np.array([1.0]))
+    assert kept.score_tests.scores[0].visible_share < 1e-3
+    assert assess(kept, 1).suspect is not None
+    assert assess(contradicted, 1).best is None
+
+
+def test_what_the_best_cause_leaves_unexplained_is_stated_and_its_name_withheld():
+    wave = np.linspace(-1, 1, 40)
+    readings = 30 * np.exp(-3 * (wave + 1)) + np.random.default_rng(3).standard_normal(40)
+    found = assess(line(wave[:, None], readings), 1)
+    assert found.suspect is None
+    assert found.best is not None
+    assert found.best.remaining_dof == 38
+    assert found.best.remaining_chi2 > 100
+    assert found.best.remaining_p_value < 1e-6
+
+
+@pytest.mark.parametrize("method", ["tumble", "dual_orthogonal"])
+def test_kpp_of_a_dividing_head_is_listed_as_what_no_data_show(method: str):
+    answer = calibrate_device(next(base_cells(method)), 0)
+    assert answer.grade == "consistent"
+    assert answer.limits_name("kpp")
+    assert not answer.limits_name("kpo")
+
+
+def switched_between_sections(seed: int, folder: Path) -> Outcome:
+    """Return Ferraris' sections whose gyros were switched on anew before each, by 600 °/h."""
+    rng = np.random.default_rng([seed, 64])
+    here = find_case("ferraris")
+    files = here.files(here.draw(rng), rng, None)
+    table = [line.split(",") for line in str(files["means.csv"]).splitlines()]
+    for row in table[1:]:
+        row[5:] = [str(float(x) + rng.standard_normal() * 600 / 3600) for x in row[5:]]
+    (folder / "run.toml").write_text(str(files["run.toml"]), encoding="utf-8")
+    (folder / "means.csv").write_text("\n".join(map(",".join, table)), encoding="utf-8")
+    return inercal.calibrate(folder / "run.toml")
+
+
+def test_gyros_that_were_switched_on_anew_before_each_section_are_named(tmp_path: Path):
+    for seed in range(4):
+        verdict = switched_between_sections(seed, tmp_path).verdict
+        assert verdict.suspect is not None
+        assert verdict.suspect.name == "turn_on"
+        (change,) = verdict.advice[0].changes
+        assert (change.section, change.key) == ("bench", "turn_on")
+        size = float(change.value.split()[0]) * 206_265  # rad/s in °/h
+        assert 200 < size < 1200  # of six directions
+
+
+def hand_held(change: Callable[[Array], None], seed: int, latitude: float = 47.0) -> Estimate:
+    """Return a session by hand whose readings are changed, with `g` estimated."""
+    rng = np.random.default_rng([seed, 63])
+    session = Session(positions=20, latitude=latitude * DEGREE, gravity_sd=2e-4)
+    made = record(mems(rng), session, rng)
+    data = made.data[0]
+    change(data)
+    sensor = METHODS["multi_position"].prepare(imu(), also=("g",))
+    sections = [Mark(f"r{k:02d}", a + 20, b - 20) for k, (a, b) in enumerate(made.rests)]
+    log = Recording(made.time, data, sensor.channels, ("m/s²",) * 3 + ("rad/s",) * 3)
+    seen = observe(log, sensor, sections, holds_from_marks(sections), by_hand=True)
+    seen = replace(seen, transitions=transitions_between_rests(log, sensor, sections))
+    place = Hand(Measured(session.gravity, session.gravity_sd), 47.0 * DEGREE)
+    return METHODS["multi_position"].estimator("joint")(
+        seen, sensor, place, holds_from_observations(seen, sensor)
+    )
+
+
+def test_a_sensitivity_to_the_square_of_acceleration_is_named_beside_g():
+    def bend(data: Array) -> None:
+        data[:, 3] += 0.05 * DEGREE * (data[:, 0] * data[:, 1]) / 9.81**2
+
+    suspect = assess(hand_held(bend, 1), 30).suspect
+    assert suspect is not None
+    assert "gx.g_ip" in suspect.components
+
+
+def test_a_session_by_hand_tests_gravity_latitude_and_clock_as_stated():
+    kinds = {one.name: one for one in hand_held(lambda data: None, 2).score_tests.scores}
+    assert {"g", "timebase", "latitude", "g_ii"} <= set(kinds)
+    assert kinds["g"].dof == 0  # of norms it is a scale
+
+
+def test_a_warm_up_on_a_ramp_is_named_with_its_key():
+    for seed in range(3):
+        made = ramps.record(
+            np.random.default_rng(seed),
+            ramps.PROFILES["up and down, 2 × 30 min"](),
+            warm_up=100 * ramps.DEG_H,
+        )
+        sensor = temperature_ramps.gyro()
+        seen = temperature_ramps.observed(made)
+        estimate = ramp(seen, sensor, Hand(Measured(9.81, 1e-4)), rest())
+        suspect = assess(estimate, len(sensor.coefficients)).suspect
+        assert suspect is not None
+        assert suspect.name == "warm_up"
+        assert [(one.section, one.key) for one in suspect.changes] == [
+            ("environment", "kind"),
+            ("environment", "warm_up"),
+        ]
+
+
+@pytest.mark.slow
+def test_a_ramp_without_a_warm_up_raises_few_alarms():
+    sensor, alarms = temperature_ramps.gyro(), 0
+    for seed in range(150):
+        profile = ramps.PROFILES["up and down, 2 × 30 min"]()
+        seen = temperature_ramps.observed(ramps.record(np.random.default_rng([seed, 7]), profile))
+        estimate = ramp(seen, sensor, Hand(Measured(9.81, 1e-4)), rest())
+        alarms += assess(estimate, len(sensor.coefficients)).rejects
+    # 99.9 % of a binomial of 150 with 1 %.
+    assert alarms <= 7
+
+
+@pytest.mark.slow
+def test_causes_of_a_rate_platform_come_first_in_nine_of_ten_and_good_runs_are_consistent():
+    causes = {"turn_on": {"change": switched}, "latitude": {"latitude": 60.0}}
+    causes["scale3"] = {"change": cubic}
+    right = total = alarms = 0
+    for seed in range(40):
+        alarms += platform([seed, 1]).verdict.grade != "consistent"  # pyright: ignore[reportArgumentType]
+        for name, made in causes.items():
+            suspect = platform([seed, 2], **made).verdict.suspect  # pyright: ignore[reportArgumentType]
+            total += 1
+            right += suspect is not None and suspect.name.partition("[")[0] == name
+    assert right >= 0.9 * total
+    assert alarms <= 4  # 99.9 % of a binomial of 40 with 2 %
