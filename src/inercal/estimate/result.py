@@ -64,6 +64,11 @@ class ResidualGroup:
         """Probability of a χ² at least as large if the noise is as stated; 1 without dof."""
         return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
+    @property
+    def scatter_ratio(self) -> float:
+        """Scatter of the residuals over the stated scatter, √(χ²/ν); 1 without dof."""
+        return float((self.chi2 / self.dof) ** 0.5) if self.dof > 0 else 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -198,8 +203,12 @@ class Estimate:
 
     @property
     def largest_birge_ratio(self) -> Array:
-        """Birge ratio, (...), or that by which a group enlarged its share, if that is larger."""
-        ratios = [(one.chi2 / one.dof) ** 0.5 for one in self.groups if one.enlarged]
+        """Scatter of the residuals over the stated scatter, (...), 1 where it is not larger.
+
+        The Birge ratio, or the largest ratio of a group whose uncertainties were enlarged by it or
+        by an excess.
+        """
+        ratios = [one.scatter_ratio for one in self.groups if one.enlarged or one.spread.excess]
         return np.maximum(self.birge, max(ratios, default=1.0))
 
     @property
