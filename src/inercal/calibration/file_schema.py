@@ -97,12 +97,20 @@ class _Suspect(_Strict):
     not_told_from: list[_Text]
 
 
+class _NoiseFactor(_Strict):
+    what: _Text
+    channel: _Text | None
+    factor: _Number | None
+
+
 class _Verdict(_Strict):
     grade: _Text
     word: _Text = ""
     reasons: list[_Text]
     tests: list[_Test]
     suspect: _Suspect | None
+    scatter: _Number | None = None
+    noise: list[_NoiseFactor] = []
 
 
 class _SharedError(_Strict):

@@ -12,6 +12,9 @@ tests where nothing is scored. The grade is::
                                than twice the stated scatter, or the suspect shifts a coefficient by
                                more than its U
 
+A check of the stated noise warns where uncertainties follow from a noise that was stated too large:
+by it alone a result is usable with reservations, because its uncertainties are too large.
+
 The suspect is the candidate with the smallest p-value, if it explains the residuals better than a
 scatter of all rows does: the remaining residuals agree with the stated noise, or are small compared
 with the explained part (F test). Candidates whose explained residual lies within 30° of the
@@ -24,7 +27,7 @@ the bench, a change over the run, a row, other coefficients.
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -153,6 +156,24 @@ class Assessment:
         return bool(self.rejecting_tests) or self.scores_reject
 
 
+class NoiseFactor(NamedTuple):
+    """A stated noise that the data contradict.
+
+    Parameters
+    ----------
+    what : str
+        Its finding: "noise", or "residuals" of noise and bench together.
+    channel : str or None
+        The axis that shows it best; None of all.
+    factor : float
+        The stated standard deviation over that found.
+    """
+
+    what: str
+    channel: str | None
+    factor: float
+
+
 @dataclass(frozen=True)
 class Verdict:
     """How far a result can be relied on, and the reasons. Iterating gives its lines.
@@ -166,6 +187,11 @@ class Verdict:
         The complete verdict in words; the first line is the summary.
     tests : tuple of HypothesisTest
     suspect : SuspectedCause or None
+    scatter : float
+        Scatter of the residuals over the stated scatter where uncertainties were enlarged by it;
+        otherwise 1.
+    noise : tuple of NoiseFactor
+        Noise that was stated too large or too small.
     """
 
     grade: Grade
@@ -173,6 +199,8 @@ class Verdict:
     lines: tuple[str, ...] = ()
     tests: tuple[HypothesisTest, ...] = ()
     suspect: SuspectedCause | None = None
+    scatter: float = 1.0
+    noise: tuple[NoiseFactor, ...] = ()
 
     @property
     def word(self) -> str:
@@ -269,7 +297,8 @@ def grade_estimate(
     if not np.all(estimate.converged):
         bad.append("the fit did not converge")
     bad += [f"{name} is far from nominal" for name in far]
-    bad += [f"a check refused: {one.what}" for one in findings if one.severity == "refused"]
+    refused = dict.fromkeys(one.what for one in findings if one.severity == "refused")
+    bad += [f"a check refused: {what}" for what in refused]
     if assessment.rejects and largest_birge_ratio > _MAX_SCATTER:
         bad.append(f"the residuals scatter {largest_birge_ratio:.2g} times as much as stated")
     if suspect is not None and suspect.shift > _MAX_SHIFT:
@@ -279,11 +308,17 @@ def grade_estimate(
         mild.append("score tests reject the model")
     elif suspect is not None:
         mild.append(f"suspect: {suspect.name}")
-    mild += [f"a check warns: {one.what}" for one in findings if one.severity == "warning"]
+    warned = dict.fromkeys(one.what for one in findings if one.severity == "warning")
+    mild += [f"a check warns: {what}" for what in warned]
     if not assessment.tests and not estimate.score_tests.scores:
         mild.append("nothing was tested")
     grade: Grade = "unreliable" if bad else "reservations" if mild else "consistent"
-    return Verdict(grade, (*bad, *mild), lines, assessment.tests, suspect)
+    noise = tuple(
+        NoiseFactor(one.what, one.channel, one.factor) for one in findings if one.factor is not None
+    )
+    return Verdict(
+        grade, (*bad, *mild), lines, assessment.tests, suspect, largest_birge_ratio, noise
+    )
 
 
 def is_far_from_nominal(scale: float) -> bool:

@@ -4,7 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, SuspectedCause, Verdict
+from inercal.calibration.grade import (
+    GRADE_WORDS,
+    HypothesisTest,
+    NoiseFactor,
+    SuspectedCause,
+    Verdict,
+)
 from inercal.errors import InputError
 
 
@@ -41,6 +47,11 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
             for test in verdict.tests
         ],
         "suspect": suspect,
+        "scatter": _number(verdict.scatter),
+        "noise": [
+            {"what": one.what, "channel": one.channel, "factor": _number(one.factor)}
+            for one in verdict.noise
+        ],
     }
 
 
@@ -72,7 +83,13 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
         )
         for t in content["tests"]
     )
-    return Verdict(grade, tuple(content["reasons"]), lines, tests, suspect)
+    # Files written before these fields were there state neither.
+    scatter = _float(content.get("scatter"))
+    noise = tuple(
+        NoiseFactor(one["what"], one["channel"], _float(one["factor"]))
+        for one in content.get("noise", ())
+    )
+    return Verdict(grade, tuple(content["reasons"]), lines, tests, suspect, scatter, noise)
 
 
 def _number(value: float) -> float | None:

@@ -14,11 +14,14 @@ from inercal.arrays import Array
 from inercal.estimate import gauss_newton_steps, nullspace
 from inercal.estimate.candidate_scores import score_tests
 from inercal.estimate.lazy_value import LazyValue
+from inercal.estimate.noise_scale import WhitenedRows
 from inercal.estimate.problem import Problem
-from inercal.estimate.result import Estimate
+from inercal.estimate.result import NO_ROWS, Estimate
 from inercal.estimate.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet
 from inercal.estimate.search import Bools, merge, search
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
+
+_MOST_KEPT = 5000  # observations whose rows stay with the estimate; tables of means have fewer
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,19 @@ def estimate_at_solution(
         scoring=LazyValue(lambda: _score_tests_at_solution(system, point))
         if candidates
         else NO_SCORE_TESTS,
+        rows=LazyValue(lambda: _whitened_rows(system, point))
+        if system.single and loss is None and system.m <= _MOST_KEPT
+        else NO_ROWS,
+    )
+
+
+def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> WhitenedRows:
+    """Return the rows of the problem's one trial at a point."""
+    return WhitenedRows(
+        point.whitened[0],
+        point.weight[0][:, None] * point.rows[0],
+        point.prior[0],
+        system.prior_rows,
     )
 
 
@@ -140,8 +156,9 @@ def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint)
             rows = inverse[0] @ one.rows if full else inverse[0][:, None] * one.rows
             yield replace(one, rows=np.concatenate([rows, np.zeros((width, rows.shape[1]))]))
 
-    jacobian = np.concatenate([point.weight[0][:, None] * point.rows[0], system.prior_rows])
-    residual = np.concatenate([point.whitened[0], point.prior[0]])
+    at = _whitened_rows(system, point)
+    jacobian = np.concatenate([at.jacobian, at.prior_jacobian])
+    residual = np.concatenate([at.residual, at.prior])
     # What comes one by one is not kept together: of hundreds of rows it would not fit.
     found = list(whitened()) if isinstance(left_out, Sequence) else whitened()
     return score_tests(residual, jacobian, found, system.basis)

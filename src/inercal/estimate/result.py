@@ -19,11 +19,13 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.estimate.filter_history import FilterHistory
 from inercal.estimate.lazy_value import LazyValue
+from inercal.estimate.noise_scale import WhitenedRows
 from inercal.estimate.nullspace import NullDirection
 from inercal.estimate.residual_scatter import ScatterModel
 from inercal.estimate.scores import NO_SCORE_TESTS, ModelTest, ScoreTestSet
 
 _LEVEL = 0.95
+NO_ROWS: LazyValue[None] = LazyValue(lambda: None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +125,8 @@ class Estimate:
         Degrees of freedom behind the noise of one channel; not finite where it is stated.
     joint_priors : frozenset of str
         Quantities known beforehand whose correlations the estimator has counted.
+    rows : LazyValue of WhitenedRows or None
+        The problem linearised at the solution; None where it was not kept.
     """
 
     names: tuple[str, ...]
@@ -148,6 +152,7 @@ class Estimate:
     sensitivities: Mapping[str, Array] = field(default_factory=dict[str, Array])
     noise_dof: float = np.inf
     joint_priors: frozenset[str] = frozenset()
+    rows: LazyValue[WhitenedRows] | LazyValue[None] = NO_ROWS
 
     @classmethod
     def from_closed_form(

@@ -4,7 +4,7 @@ A `Recording` has the sensor's output units; `Observations` are in SI. Both may 
 trials, `(..., n, m)`; trials share times and labels.
 """
 
-from inercal.recording.findings import Finding, Severity
+from inercal.recording.findings import Finding, Severity, merge_findings, merge_messages
 from inercal.recording.observations import Observations, join_observations
 from inercal.recording.samples import (
     GAP_FACTOR,
@@ -40,5 +40,7 @@ __all__ = [
     "join_observations",
     "join_tracks",
     "line_of_row",
+    "merge_findings",
+    "merge_messages",
     "temperature_rate",
 ]
