@@ -137,26 +137,27 @@ def estimate_at_solution(
 
 def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> WhitenedRows:
     """Return the rows of the problem's one trial at a point."""
+    inverse, full = system.whitener(point.x)
     return WhitenedRows(
         point.whitened[0],
         point.weight[0][:, None] * point.rows[0],
         point.prior[0],
         system.prior_rows,
+        lambda rows: inverse[0] @ rows if full else inverse[0][:, None] * rows,
     )
 
 
 def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint) -> ScoreTestSet:
     """Return the score tests of the problem's candidates at the solution of its one trial."""
     assert system.problem.candidates is not None
-    inverse, full = system.whitener(point.x)
     width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
+    at = _whitened_rows(system, point)
 
     def whitened() -> Iterator[Candidate]:
         for one in left_out:
-            rows = inverse[0] @ one.rows if full else inverse[0][:, None] * one.rows
+            rows = at.whiten(one.rows)
             yield replace(one, rows=np.concatenate([rows, np.zeros((width, rows.shape[1]))]))
 
-    at = _whitened_rows(system, point)
     jacobian = np.concatenate([at.jacobian, at.prior_jacobian])
     residual = np.concatenate([at.residual, at.prior])
     # What comes one by one is not kept together: of hundreds of rows it would not fit.

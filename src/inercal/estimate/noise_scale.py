@@ -16,6 +16,7 @@ Sources: Patterson and Thompson 1971, Biometrika 58, 545–554 (restricted likel
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
+from collections.abc import Callable
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -36,6 +37,32 @@ class WhitenedRows(NamedTuple):
     jacobian: Array  # (m, k)
     prior: Array  # (b,), of the priors
     prior_jacobian: Array  # (b, k)
+    whiten: Callable[[Array], Array]  # from changes of the observations, (m, q), to whitened ones
+
+    def effects(self, change: Array) -> tuple[Array, Array]:
+        """Return what changes of the observations do that the model does not contain.
+
+        Parameters
+        ----------
+        change : (m, q) array
+            Of the observations, in their units.
+
+        Returns
+        -------
+        shift : (k, q) array
+            Of the estimate, by the unit of each change.
+        visibility : (q,) array
+            Norm of the whitened residual that each change leaves.
+        """
+        rows = np.concatenate([self.jacobian, self.prior_jacobian])
+        size = np.linalg.norm(rows, axis=0)
+        size = np.where(size > 0, size, 1.0)
+        white = np.concatenate([self.whiten(change), np.zeros((len(self.prior), change.shape[1]))])
+        q, triangle = np.linalg.qr(rows / size)
+        taken = q.T @ white
+        left = white - q @ taken
+        shift = np.linalg.pinv(triangle) @ taken / size[:, None]
+        return shift, np.linalg.norm(left, axis=0)
 
 
 class NoiseScale(NamedTuple):
