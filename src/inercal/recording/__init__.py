@@ -5,7 +5,7 @@ trials, `(..., n, m)`; trials share times and labels.
 """
 
 from inercal.recording.findings import Finding, Severity, merge_findings, merge_messages
-from inercal.recording.observations import Observations, join_observations
+from inercal.recording.observations import MeansTrend, Observations, join_observations
 from inercal.recording.samples import (
     GAP_FACTOR,
     Indices,
@@ -31,6 +31,7 @@ __all__ = [
     "Indices",
     "LineBreaks",
     "Mark",
+    "MeansTrend",
     "Observations",
     "Recording",
     "Severity",
