@@ -31,7 +31,6 @@ from inercal.sensors import Sensor
 from inercal.sensors.coefficient_tables import TABLES
 from inercal.units import format_value_and_uncertainty
 
-UNSEEN_ORDER_EFFECT = "unseen"
 _KINDS = {"f": "accelerometers", "w": "gyros"}
 _BIASES = {"f": "k0", "w": "bias"}
 _REPEATED = "a position of each axis that is repeated at the end shows it"
@@ -84,7 +83,7 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
         if one.name not in unseen or size < unseen[one.name][1]:
             unseen[one.name] = one, size
     findings = tuple(
-        Finding("note", UNSEEN_ORDER_EFFECT, f"{name} ({_size_text(sensor, *found)}): "
+        Finding("note", "unseen", f"{name} ({_size_text(sensor, *found)}): "
                 f"{found[0].remedy}", found[0].axis)
         for name, found in unseen.items()
     )  # fmt: skip
