@@ -29,7 +29,7 @@ from inercal.parameters import Parameter
 from inercal.sensors import Sensor
 from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
 
-_CRITICAL_SHIFT, _DETECTABLE_NORM = 5.0, 7.0  # u, and η there
+CRITICAL_SHIFT, DETECTABLE_NORM = 5.0, 7.0  # u, and η there
 _UNSCORED_NORM = 3.0  # η of the largest plausible size, below which a candidate is not scored
 _ROUNDING = 1e-9  # u
 
@@ -124,7 +124,7 @@ def _is_undetectable(score: ScoreTest, u: Array) -> bool:
         if score.kind in ("row", "time"):  # without a plausible size: any shift counts
             return moved > _ROUNDING
         eta = _UNSCORED_NORM
-    return _DETECTABLE_NORM * moved > _CRITICAL_SHIFT * eta
+    return DETECTABLE_NORM * moved > CRITICAL_SHIFT * eta
 
 
 def _largest_shift(score: ScoreTest, u: Array) -> float:
@@ -140,7 +140,7 @@ def _undetected_sizes(score: ScoreTest, u: Array, sensor: Sensor) -> Array:
         if score.kind != "coefficient":
             return np.full(len(size), np.nan)
         size = np.array([coefficient_definition(sensor, full).largest for full in score.components])
-    return _CRITICAL_SHIFT * size / moved if moved > 0 else np.full(len(size), np.nan)
+    return CRITICAL_SHIFT * size / moved if moved > 0 else np.full(len(size), np.nan)
 
 
 def _candidate_group(score: ScoreTest, scores: Sequence[ScoreTest]) -> str:

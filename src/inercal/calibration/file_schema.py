@@ -117,6 +117,12 @@ class _Suspect(_Strict):
     not_told_from: list[_Text]
 
 
+class _NoiseFactor(_Strict):
+    what: _Text
+    channel: _Text | None
+    factor: _Number | None
+
+
 class _Verdict(_Strict):
     grade: _Text
     word: _Text = ""
@@ -125,6 +131,8 @@ class _Verdict(_Strict):
     suspect: _Suspect | None
     best_cause: _Suspect | None = None
     advice: list[_Advice] = []
+    scatter: _Number | None = None
+    noise: list[_NoiseFactor] = []
 
 
 class _SharedError(_Strict):

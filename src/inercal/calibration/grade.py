@@ -24,13 +24,16 @@ explain as much (χ² within 4; except rows, in no more directions) the first is
 possible remedies: a coefficient that the method can estimate, the bench, a change over the run, a
 row, other coefficients; and of two statements the one that departs less from what is stated of it,
 in its standard deviations.
+
+A check of the stated noise warns where uncertainties follow from a noise that was stated too large:
+by it alone a result is usable with reservations, because its uncertainties are too large.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -170,6 +173,24 @@ class Assessment:
         return bool(self.rejecting_tests) or self.scores_reject
 
 
+class NoiseFactor(NamedTuple):
+    """A stated noise that the data contradict.
+
+    Parameters
+    ----------
+    what : str
+        Its finding: "noise", or "residuals" of noise and bench together.
+    channel : str or None
+        The axis that shows it best; None of all.
+    factor : float
+        The stated standard deviation over that found.
+    """
+
+    what: str
+    channel: str | None
+    factor: float
+
+
 @dataclass(frozen=True)
 class Verdict:
     """How far a result can be relied on, and the reasons. Iterating gives its lines.
@@ -188,6 +209,11 @@ class Verdict:
         The best of the causes tested, with what it leaves unexplained.
     advice : tuple of Advice
         What to change in the run file, or to do; what changes keys was tried.
+    scatter : float
+        Scatter of the residuals over the stated scatter where uncertainties were enlarged by it;
+        otherwise 1.
+    noise : tuple of NoiseFactor
+        Noise that was stated too large or too small.
     """
 
     grade: Grade
@@ -197,6 +223,8 @@ class Verdict:
     suspect: SuspectedCause | None = None
     best: SuspectedCause | None = None
     advice: tuple[Advice, ...] = ()
+    scatter: float = 1.0
+    noise: tuple[NoiseFactor, ...] = ()
 
     @property
     def word(self) -> str:
@@ -296,7 +324,8 @@ def grade_estimate(
     if not np.all(estimate.converged):
         bad.append("the fit did not converge")
     bad += [f"{name} is far from nominal" for name in far]
-    bad += [f"a check refused: {one.what}" for one in findings if one.severity == "refused"]
+    refused = dict.fromkeys(one.what for one in findings if one.severity == "refused")
+    bad += [f"a check refused: {what}" for what in refused]
     if assessment.rejects and largest_birge_ratio > _MAX_SCATTER:
         bad.append(f"the residuals scatter {largest_birge_ratio:.2g} times as much as stated")
     if best is not None and best.shift > _MAX_SHIFT:
@@ -307,12 +336,24 @@ def grade_estimate(
         mild.append("score tests reject the model")
     elif suspect is not None:
         mild.append(f"suspect: {suspect.name}")
-    mild += [f"a check warns: {one.what}" for one in findings if one.severity == "warning"]
+    warned = dict.fromkeys(one.what for one in findings if one.severity == "warning")
+    mild += [f"a check warns: {what}" for what in warned]
     if not assessment.tests and not estimate.score_tests.scores:
         mild.append("nothing was tested")
     grade: Grade = "unreliable" if bad else "reservations" if mild else "consistent"
+    noise = tuple(
+        NoiseFactor(one.what, one.channel, one.factor) for one in findings if one.factor is not None
+    )
     return Verdict(
-        grade, (*bad, *mild), lines, assessment.tests, suspect, assessment.best, tuple(advice)
+        grade,
+        (*bad, *mild),
+        lines,
+        assessment.tests,
+        suspect,
+        assessment.best,
+        tuple(advice),
+        largest_birge_ratio,
+        noise,
     )
 
 

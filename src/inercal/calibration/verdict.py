@@ -30,7 +30,7 @@ from inercal.estimate import Estimate
 from inercal.estimate.scores import SIGNIFICANCE_LEVEL
 from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
-from inercal.recording import Finding
+from inercal.recording import Finding, merge_messages
 from inercal.sensors import G0, Sensor
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
@@ -111,7 +111,7 @@ def verdict(
     )
     lines += unseen
     advice += unseen_advice
-    lines += estimate.notes
+    lines += merge_messages(estimate.notes)
     given = {word for one in advice for word in one.coefficients}
     for finding in findings:
         words = Advice(finding.what, finding.changes).coefficients
@@ -120,7 +120,9 @@ def verdict(
         ):
             advice.append(tried)
             lines.append(f"to estimate it: {changes_text(tried.changes)}")
-    lines += [f.message for f in findings if f.severity == "warning"]
+    told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
+    lines += merge_messages(told)
+    lines = list(dict.fromkeys(lines))
     return grade_estimate(estimate, assessment, findings, tuple(scales), tuple(lines), advice)
 
 
@@ -142,7 +144,7 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool
     """Return lines on the agreement of the residuals; `wrong`: a check found an error besides."""
     first = f"{count} coefficients estimated"
     if estimate.groups:
-        lines = _group_summary(estimate, first, wrong)
+        lines = _group_summary(estimate, assessment, first, wrong)
     elif not estimate.dof:
         tested = assessment.tests or estimate.score_tests.scores
         agree = "do not agree" if assessment.rejects else "agree"
@@ -179,7 +181,9 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool
     return lines
 
 
-def _group_summary(estimate: Estimate, first: str, wrong: bool) -> list[str]:
+def _group_summary(
+    estimate: Estimate, assessment: Assessment, first: str, wrong: bool
+) -> list[str]:
     """Return lines on the agreement of each kind of observations with its noise."""
     numbers = "; ".join(
         f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {p_value_text(group.p_value)}"
@@ -200,9 +204,15 @@ def _group_summary(estimate: Estimate, first: str, wrong: bool) -> list[str]:
         agree = f"{what} with their noise" if tested else "what can be tested agrees"
         return [f"{first}; {agree} ({numbers})", *lines]
     added = ", ".join(f"{group.spread.excess:.2g} {group.unit} of {group.name}" for group in beyond)
+    # Excess is added beyond 95 %, a test rejects beyond 99 %: between them the verdict agrees.
+    large = (
+        ", but the residuals are larger than their noise"
+        if assessment.rejects
+        else "; the residuals are large, which chance explains"
+    )
     return [
-        f"{first}, but the residuals are larger than their noise ({numbers}): a scatter of "
-        f"{added} is added to it, and so to all uncertainties",
+        f"{first}{large} ({numbers}): a scatter of {added} is added to it, and so to all "
+        "uncertainties",
         *lines,
     ]
 

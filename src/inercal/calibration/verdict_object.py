@@ -5,7 +5,13 @@ from typing import Any
 import numpy as np
 
 from inercal.advice import Advice, Change
-from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, SuspectedCause, Verdict
+from inercal.calibration.grade import (
+    GRADE_WORDS,
+    HypothesisTest,
+    NoiseFactor,
+    SuspectedCause,
+    Verdict,
+)
 from inercal.errors import InputError
 
 
@@ -37,6 +43,11 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
                 "chi2": one.chi2,
             }
             for one in verdict.advice
+        ],
+        "scatter": _number(verdict.scatter),
+        "noise": [
+            {"what": one.what, "channel": one.channel, "factor": _number(one.factor)}
+            for one in verdict.noise
         ],
     }
 
@@ -76,7 +87,7 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
         for t in content["tests"]
     )
     suspect = _cause_from_object(content["suspect"])
-    # Files of earlier versions name a suspect, and neither a best cause nor advice.
+    # Files of earlier versions state no best cause, no advice, no scatter and no noise factors.
     best = _cause_from_object(content["best_cause"]) if "best_cause" in content else suspect
     advice = tuple(
         Advice(
@@ -87,7 +98,14 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
         )
         for one in content.get("advice", [])
     )
-    return Verdict(grade, tuple(content["reasons"]), lines, tests, suspect, best, advice)
+    scatter = _float(content.get("scatter"))
+    noise = tuple(
+        NoiseFactor(one["what"], one["channel"], _float(one["factor"]))
+        for one in content.get("noise", ())
+    )
+    return Verdict(
+        grade, tuple(content["reasons"]), lines, tests, suspect, best, advice, scatter, noise
+    )
 
 
 def _cause_from_object(one: dict[str, Any] | None) -> SuspectedCause | None:

@@ -14,13 +14,15 @@ from inercal.arrays import Array
 from inercal.estimate import gauss_newton_steps, nullspace
 from inercal.estimate.candidate_scores import score_tests, spanned_candidates
 from inercal.estimate.lazy_value import LazyValue
+from inercal.estimate.noise_scale import WhitenedRows
 from inercal.estimate.problem import Problem
-from inercal.estimate.result import Estimate
+from inercal.estimate.result import NO_ROWS, Estimate
 from inercal.estimate.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet
 from inercal.estimate.search import Bools, merge, search
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 
 _PULLED = 6.0  # standard deviations of a prior, beyond which the fit contradicts it
+_MOST_KEPT = 5000  # observations whose rows stay with the estimate; tables of means have fewer
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,25 @@ def estimate_at_solution(
         scoring=LazyValue(lambda: _score_tests_at_solution(system, point))
         if candidates
         else NO_SCORE_TESTS,
+        rows=LazyValue(lambda: _whitened_rows(system, point))
+        if system.single and loss is None and system.m <= _MOST_KEPT
+        else NO_ROWS,
+    )
+
+
+def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> WhitenedRows:
+    """Return the rows of the problem's one trial at a point."""
+    inverse, full = system.whitener(point.x)
+
+    def whiten(rows: Array) -> Array:
+        return inverse[0] @ rows if full else inverse[0][:, None] * rows
+
+    return WhitenedRows(
+        point.whitened[0],
+        point.weight[0][:, None] * point.rows[0],
+        point.prior[0],
+        system.prior_rows,
+        whiten,
     )
 
 
@@ -148,15 +169,15 @@ def _whitened_candidates(
 ) -> tuple[Array, Iterable[Candidate]]:
     """Return the Jacobian and the candidates at a point, both with rows of priors."""
     assert system.problem.candidates is not None
-    inverse, full = system.whitener(point.x)
     width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
+    at = _whitened_rows(system, point)
 
     def whitened() -> Iterator[Candidate]:
         for one in left_out:
-            rows = inverse[0] @ one.rows if full else inverse[0][:, None] * one.rows
+            rows = at.whiten(one.rows)
             yield replace(one, rows=np.concatenate([rows, np.zeros((width, rows.shape[1]))]))
 
-    jacobian = np.concatenate([point.weight[0][:, None] * point.rows[0], system.prior_rows])
+    jacobian = np.concatenate([at.jacobian, at.prior_jacobian])
     return jacobian, list(whitened()) if isinstance(left_out, Sequence) else whitened()
 
 

@@ -12,7 +12,8 @@ the means: the wobble of a hand. Then only a share s ≤ 1 of the noise counts::
 
     χ²(s) = ν − 2        since the mean of 1/χ² with ν degrees of freedom is 1/(ν − 2)
 
-Variance is added where χ² exceeds its 95 % bound; a share is taken below its 1 % bound.
+Variance is added where χ² exceeds its 95 % bound; a share is taken below its 1 % bound, and only of
+noise that was found in the samples. Stated noise is not reduced.
 
 Source: Paule and Mandel 1982, J. Research NBS 87, 377–385, equations 8 to 10, for v in a weighted
 mean; here for any linear model. χ² falls with v and with s, so there is one root or none.
@@ -73,6 +74,8 @@ def fit_scatter(
     dof: int,
     other_chi2: float = 0.0,
     least: float = 0.0,
+    *,
+    stated: bool = False,
 ) -> ScatterModel:
     """Return how the observations scatter, by their residuals.
 
@@ -89,6 +92,8 @@ def fit_scatter(
         χ² of others among the rows.
     least : float
         The share below which other noise of the same rows hides what it is.
+    stated : bool
+        Whether the noise was stated rather than found in samples: no share is taken of it.
     """
     if dof < 1:
         return ScatterModel()
@@ -96,14 +101,14 @@ def fit_scatter(
     def off(found: ScatterModel) -> float:
         return chi_squared(residual, jacobian, lambda a: whiten(found, a)) - other_chi2
 
-    stated = off(ScatterModel())
-    if stated > float(scipy.special.chdtri(dof, 1 - _LEVEL)):
+    by_noise = off(ScatterModel())
+    if by_noise > float(scipy.special.chdtri(dof, 1 - _LEVEL)):
         high = float(np.mean(residual**2))
         while off(ScatterModel(excess=high**0.5)) > dof:
             high *= 4.0
         v = _falling_root(lambda v: off(ScatterModel(excess=v**0.5)) - dof, high)
         return ScatterModel(excess=v**0.5)
-    if dof > _FEW and stated < float(scipy.special.chdtri(dof, _CALM)):
+    if not stated and dof > _FEW and by_noise < float(scipy.special.chdtri(dof, _CALM)):
         share = _falling_root(lambda s: off(ScatterModel(share=s)) - (dof - 2), 1.0)
         return ScatterModel(share=min(max(share, least), 1.0))
     return ScatterModel()

@@ -19,11 +19,13 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.estimate.filter_history import FilterHistory
 from inercal.estimate.lazy_value import LazyValue
+from inercal.estimate.noise_scale import WhitenedRows
 from inercal.estimate.nullspace import NullDirection
 from inercal.estimate.residual_scatter import ScatterModel
 from inercal.estimate.scores import NO_SCORE_TESTS, ModelTest, ScoreTestSet
 
 _LEVEL = 0.95
+NO_ROWS: LazyValue[None] = LazyValue(lambda: None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,11 @@ class ResidualGroup:
     def p_value(self) -> float:
         """Probability of a χ² at least as large if the noise is as stated; 1 without dof."""
         return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+
+    @property
+    def scatter_ratio(self) -> float:
+        """Scatter of the residuals over the stated scatter, √(χ²/ν); 1 without dof."""
+        return float((self.chi2 / self.dof) ** 0.5) if self.dof > 0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +125,8 @@ class Estimate:
         Degrees of freedom behind the noise of one channel; not finite where it is stated.
     joint_priors : frozenset of str
         Quantities known beforehand whose correlations the estimator has counted.
+    rows : LazyValue of WhitenedRows or None
+        The problem linearised at the solution; None where it was not kept.
     """
 
     names: tuple[str, ...]
@@ -143,6 +152,7 @@ class Estimate:
     sensitivities: Mapping[str, Array] = field(default_factory=dict[str, Array])
     noise_dof: float = np.inf
     joint_priors: frozenset[str] = frozenset()
+    rows: LazyValue[WhitenedRows] | LazyValue[None] = NO_ROWS
 
     @classmethod
     def from_closed_form(
@@ -198,8 +208,12 @@ class Estimate:
 
     @property
     def largest_birge_ratio(self) -> Array:
-        """Birge ratio, (...), or that by which a group enlarged its share, if that is larger."""
-        ratios = [(one.chi2 / one.dof) ** 0.5 for one in self.groups if one.enlarged]
+        """Scatter of the residuals over the stated scatter, (...), 1 where it is not larger.
+
+        The Birge ratio, or the largest ratio of a group whose uncertainties were enlarged by it or
+        by an excess.
+        """
+        ratios = [one.scatter_ratio for one in self.groups if one.enlarged or one.spread.excess]
         return np.maximum(self.birge, max(ratios, default=1.0))
 
     @property

@@ -61,6 +61,7 @@ _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
 _OF_SLOPES = 3  # levels whose scatter is nearly that of slopes
 _LEVEL = 0.01  # of the tests within, below which a change is counted
 _RAREST = 1e-290
+_ROUNDING = 16 * float(np.finfo(float).eps)  # of a reading
 _COMMON = "drift common to all sections"
 _BEYOND = 0.05  # of the test of a common trend, below which the trend counts
 _UNSEEN = 0.1  # of the variance that noise gives the mean slope
@@ -130,11 +131,18 @@ class SectionStatistics:
 
 
 def haar_contrasts(section: Array, seconds: float) -> Contrasts:
-    """Return the contrasts of the (n, m) samples of a section; n is 8 or more."""
+    """Return the contrasts of the (n, m) samples of a section; n is 8 or more.
+
+    What is no larger than the rounding of the samples' numbers is zero: a section without noise
+    has no scatter by which anything could be judged.
+    """
     n = len(section)
     count = _BATCHES if n >= _FEW_SAMPLES else _FEW_BATCHES
     edges = np.arange(count) * n // count
-    means = np.add.reduceat(section, edges, axis=0) / np.diff(edges, append=n)[:, None]
+    off = section - section[0]  # exactly zero where nothing changes
+    means = np.add.reduceat(off, edges, axis=0) / np.diff(edges, append=n)[:, None]
+    rounding = _ROUNDING * np.abs(section).max(axis=0)
+    means = np.where(np.ptp(means, axis=0) > rounding, means, 0.0)
     size = np.sqrt(n / count)
     place = np.arange(count) - (count - 1) / 2
     length = float(np.linalg.norm(place))

@@ -10,6 +10,7 @@ from inercal.benches import Hand
 from inercal.methods._base import Method
 from inercal.methods.ferraris_formulas import classical
 from inercal.methods.hand_likelihood import ml
+from inercal.methods.order_effects import order_remarks
 from inercal.plan import ferraris_plan
 
 METHOD = Method(
@@ -24,5 +25,6 @@ METHOD = Method(
     plan=ferraris_plan,
     estimators={"ml": ml, "classical": classical},
     weighs_common_errors=True,
+    remarks=order_remarks,
     source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",
 )

@@ -43,6 +43,8 @@ def ml(
 ) -> Estimate:
     """Return the estimate of the sensor's coefficients and the bench's nuisances.
 
+    A drift that slopes within the rests show is subtracted, with its uncertainty.
+
     Parameters
     ----------
     observations : Observations
@@ -60,6 +62,7 @@ def ml(
     NotObserved
         Coefficients that these steps do not determine, by name, and the steps that are missing.
     """
+    observations = observations.without_trend()
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]
     missing = [step for step in steps if step.label not in observations.labels]

@@ -35,6 +35,7 @@ def with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
         scoring=by_problem.scoring.then(
             lambda score_tests: score_tests.with_shifts(lambda shift: shift[:p])
         ),
+        rows=by_problem.rows,
         notes=(*found.notes, *by_problem.notes),
     )
 
@@ -70,6 +71,7 @@ def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None
         scoring=best.scoring.then(
             lambda score_tests: score_tests.with_shifts(lambda shift: shift[at])
         ),
+        rows=best.rows,
     )
 
 

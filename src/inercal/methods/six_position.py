@@ -12,6 +12,7 @@ from inercal.benches import Hand
 from inercal.methods._base import Method
 from inercal.methods.ferraris_formulas import classical
 from inercal.methods.hand_likelihood import ml
+from inercal.methods.order_effects import order_remarks
 from inercal.plan import six_positions
 
 METHOD = Method(
@@ -23,5 +24,6 @@ METHOD = Method(
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},
     weighs_common_errors=True,
+    remarks=order_remarks,
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",
 )

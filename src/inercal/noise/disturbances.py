@@ -24,6 +24,7 @@ _MOST = 20  # disturbances of one channel
 _CHI_SQUARED_MEDIAN = 0.455
 _LARGEST_DIFFERENCE = 20.0  # of the usual square, that counts in a window
 _MEDIAN = 0.67449  # of the absolute value of a normal deviate
+_NO_SIZE = 0.1  # of the change of means that shows it: what is smaller is its misplaced rest
 _FEWEST = 8  # averaging times in a recording, below which its scatter is not known
 _MOST_SAMPLES = 1 << 20
 _CORRELATED_SAMPLES, _CORRELATED_LAGS = 1 << 15, 64
@@ -120,6 +121,7 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
     if m > 1:
         y, dt = block_means(y, m), dt * m
     found: list[Disturbance] = []
+    removed: set[tuple[int, int]] = set()
     work = y.astype(np.float64, copy=True)
     for _ in range(_MOST):
         factors, changes, scatters = mean_changes(work, dt)
@@ -134,8 +136,12 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
         if scores[best] <= CHANGE_LIMIT:
             break
         one, start, stop, size = _describe(work, dt, factors[best], changes[best], scatters[best])
-        found.append(one)
+        if (start, stop) in removed:  # what stays where it was removed cannot be removed
+            break
         work[start:stop] -= size
+        removed.add((start, stop))
+        if abs(one.size) > _NO_SIZE * float(np.abs(changes[best]).max()):
+            found.append(one)
     return found
 
 
@@ -150,7 +156,8 @@ def _describe(
     peak = int(np.argmax(np.abs(change)))
     k = _change_place(y, peak, m)
     score = abs(float(change[peak])) / scatter / CHANGE_LIMIT
-    size = float(change[k])
+    # Near an end of the recording means have fewer samples than the change at k is of.
+    size = float(y[k : k + m].mean() - y[max(k - m, 0) : k].mean())
     reach = round(_LONGEST / dt)
     low, high = max(k - reach, 0), min(k + reach + 1, y.size)
     opposite = -np.sign(size) * change[low:high]
@@ -160,21 +167,29 @@ def _describe(
     if back < 0.5 * abs(size) or abs(j - k) < 1 or weak:
         return Disturbance("step", k * dt, np.inf, size, score), k, y.size, size
     start, stop = min(k, j), max(k, j)
-    level = float(change[start])
+    level = size if start == k else -size
     inside = y[start:stop]
     around = np.concatenate([y[max(start - reach, 0) : start], y[stop : stop + reach]])
     level = float(inside.mean() - around.mean()) if around.size else level
+    if abs(level) < 0.1 * abs(size):  # the two changes are not the ends of one knock
+        return Disturbance("step", k * dt, np.inf, size, score), k, y.size, size
     one = Disturbance("knock", start * dt, (stop - start) * dt, level, score)
     return one, start, stop, level
 
 
 def _change_place(y: Array, k: int, m: int) -> int:
-    """Return the sample about k ± m/2 that best splits samples k − m … k + m into two levels."""
+    """Return the sample about k ± m/2 that best splits samples k − m … k + m into two levels.
+
+    A change within m of an end of the recording is largest at k = m from there: it is looked for up
+    to that end.
+    """
     start, stop = max(k - m, 0), min(k + m, y.size)
     z = y[start:stop] - y[start:stop].mean()
     before = np.arange(1, z.size, dtype=np.int64)
     gain: Array = np.cumsum(z)[:-1] ** 2 / (before * (z.size - before))
-    near = np.abs(before + start - k) <= m // 2
+    first = start if k <= m else k - m // 2
+    last = stop if k >= y.size - m else k + m // 2
+    near = (before + start >= first) & (before + start <= last)
     return start + int(before[near][np.argmax(gain[near])]) if near.any() else k
 
 

@@ -40,8 +40,8 @@ from inercal.pipeline.correction import apply, load_recording
 from inercal.pipeline.qualified_errors import qualification_conditions, uncounted_notes
 from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
+from inercal.pipeline.stated_noise import stated_noise_findings
 from inercal.pipeline.stated_values import (
-    check_stated_noise,
     constant_notes,
     find_assumed_constants,
     require_small_assumed_share,
@@ -53,7 +53,7 @@ from inercal.pipeline.temperature_fit import (
 )
 from inercal.pipeline.zero_rate_check import check_zero_rates
 from inercal.plan import Step
-from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.recording import Finding, Mark, Observations, Recording, merge_findings
 from inercal.runfile import Run, read
 from inercal.segments import RestDetection
 from inercal.sensors import Sensor
@@ -230,10 +230,6 @@ def _calibrate(
     sensor, bench = run.sensor, inputs.bench or run.bench
     expected = bench.nuisances(inputs.steps, sensor)
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
-    if inputs.recording is not None:
-        findings += check_stated_noise(
-            observations, sensor, inputs.steps, by_hand=run.method.unknown_attitudes
-        )
     zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     findings += zero_rates
     sampled = inputs.sensor_of_samples(sensor)
@@ -266,6 +262,15 @@ def _calibrate(
     )
     remarks = run.method.remarks(fit)
     findings += remarks.findings
+    findings += stated_noise_findings(
+        estimate,
+        observations,
+        sensor,
+        inputs.steps,
+        recorded=inputs.recording is not None,
+        by_hand=run.method.unknown_attitudes,
+    )
+    findings = merge_findings(findings)
     if not np.all(estimate.converged):
         text = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
         sections = "rows" if inputs.recording is None else "marks"

@@ -1,11 +1,6 @@
-"""Values that a run file states, checked against the data: white noise, and constants without "±".
+"""Constants of a bench that a run file states without "±", and what they share in a result.
 
-White noise: uncertainties follow from the noise in the recording, except in filters, which use the
-stated noise. A large difference shows a wrong noise, unit or scale factor. Besides white noise N a
-mean over T contains bias instability B, random walk K and the quantisation step q: at most
-B² + K² T/3 + q²/12 of variance, which is allowed for.
-
-Constants of a bench without "±": their uncertainty is taken as half a unit of the last digit
+Their uncertainty is taken as half a unit of the last digit
 (`inercal.units.parse_quantity`). Their part in u of a coefficient is the decrease of u when the
 constant is taken as exact::
 
@@ -26,13 +21,8 @@ from inercal.benches import Bench
 from inercal.errors import InputError
 from inercal.estimate import Estimate
 from inercal.parameters import Parameter
-from inercal.plan import Rotation, Spin, Step, Turn
-from inercal.recording import Finding, Observations
-from inercal.sensors import Sensor
 from inercal.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 
-_LARGE_RATIO = 2.0  # of noise; 20 batches determine white noise within 20 %
-_NOISE_UNITS = {"f": ("accelerometer", "m/s²", "µg/√Hz"), "w": ("gyro", "rad/s", "°/√h")}
 _CONSTANT_UNITS = {  # of messages, by key of [bench]
     "gravity": "m/s²",
     "latitude": "°",
@@ -41,62 +31,6 @@ _CONSTANT_UNITS = {  # of messages, by key of [bench]
     "azimuth": "°",
     "latency": "ms",
 }
-
-
-def check_stated_noise(
-    observations: Observations, sensor: Sensor, steps: Sequence[Step], *, by_hand: bool
-) -> tuple[Finding, ...]:
-    """Return a warning for each kind of axes whose noise is not as stated.
-
-    Parameters
-    ----------
-    observations : Observations
-        Means of sections of a recording, without a trial axis.
-    sensor : Sensor
-    steps : sequence of r Step
-        Of each row. In motion and in a hand readings contain more than the sensor's noise.
-    by_hand : bool
-        Whether the sensor is held by hand.
-    """
-    variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
-    resting = np.array([not by_hand and _is_at_rest(step) for step in steps])
-    duration = observations.duration[:, None]
-    findings: list[Finding] = []
-    for kind, (section, like, unit) in _NOISE_UNITS.items():
-        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
-        noises = [sensor.axes[k].noise for k in own]
-        if not any(noise.white for noise in noises):
-            continue
-        stated = np.array([noise.white**2 for noise in noises])
-        slow = np.array([n.bias_instability**2 + n.quantisation**2 / 12 for n in noises])
-        walk = np.array([n.random_walk**2 for n in noises])
-        most = stated + slow * duration + walk * duration**2 / 3
-        density = variance[:, own] * duration
-        low = np.median(density / stated, axis=0)
-        high = np.median((density / most)[resting], axis=0) if resting.any() else np.ones(len(own))
-        off = np.where(low < _LARGE_RATIO**-2, low, np.where(high > _LARGE_RATIO**2, high, 1.0))
-        k = int(np.argmax(np.abs(np.log(off))))
-        if off[k] == 1.0:
-            continue
-        size = si_factor(unit, f"({like})/√Hz")
-        mean = float(np.sqrt(np.median(density[:, k])))
-        name = sensor.axes[own[k]].name
-        recorded, white = (
-            format_value_and_uncertainty(0.0, x / size)[1] for x in (mean, noises[k].white)
-        )
-        text = (
-            f"{name}: the noise of the recording is {recorded} {unit}, but [sensor.{section}] "
-            f"white states {white} {unit}; check white, unit and scale of [sensor.{section}]"
-        )
-        findings.append(Finding("warning", "noise", text, name))
-    return tuple(findings)
-
-
-def _is_at_rest(step: Step) -> bool:
-    """Return whether a step is at rest."""
-    if isinstance(step, Spin):
-        return step.rate == 0
-    return not isinstance(step, Turn | Rotation)
 
 
 def find_assumed_constants(expected: Mapping[str, Parameter]) -> dict[str, tuple[str, ...]]:

@@ -3,21 +3,24 @@
     y = H x + e,   e ~ N(0, V):   x = P Hᵀ V⁻¹ y,   P = (Hᵀ V⁻¹ H)⁻¹,   χ² = rᵀ V⁻¹ r
 
 A term that the model lacks is found by the χ² that it takes away, Δχ² = sᵀ S⁻¹ s with the score
-s = Cᵀ V⁻¹ r of its columns C and S = Cᵀ (V⁻¹ − V⁻¹ H P Hᵀ V⁻¹) C; the level is divided by the
-number of terms (Bonferroni). Where χ² exceeds its 95 % bound, covariances are enlarged by χ²/ν.
+s = Cᵀ V⁻¹ r of its columns C and S = Cᵀ (V⁻¹ − V⁻¹ H P Hᵀ V⁻¹) C. All tests share the level of the
+tests of a calibration (`inercal.estimate.scores`) in the same way: the terms have .8 of it, divided
+by their number (Bonferroni), and χ² the rest, or all where no term is tested. Where χ² exceeds its
+95 % bound, covariances are enlarged by χ²/ν, as those of a calibration are.
 """
 # pyright: reportMissingTypeStubs=false
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.estimate.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 
-_LEVEL, _TERM_LEVEL = 0.05, 0.01
+_ENLARGING_LEVEL = 0.05  # of χ², below which covariances are enlarged
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,7 @@ class LinearFit:
     chi2, dof
         Of the residuals.
     suspects : tuple of str
-        Terms that the model lacks; where none explains a χ² beyond its bound, that.
+        Terms that the model lacks; where none explains a χ² that rejects the model, that.
     """
 
     value: Array
@@ -53,6 +56,7 @@ def linear_fit(
     noise: Array,
     missing: Mapping[str, Array] | None = None,
     unseen: str = "",
+    level: float = SIGNIFICANCE_LEVEL,
 ) -> LinearFit:
     """Fit y by columns with noise of a covariance.
 
@@ -66,6 +70,8 @@ def linear_fit(
         Terms that the model may lack, by what a message says.
     unseen : str
         What the columns leave undetermined, for the message of an error.
+    level : float, optional
+        Of all tests of the fit together; less where a measurement makes further tests.
 
     Raises
     ------
@@ -90,22 +96,28 @@ def linear_fit(
     cov = inverse / np.outer(size, size)
     residual = white - rows @ value
     chi2, dof = float(residual @ residual), len(y) - p
-    suspects = _missing_terms(rows, cov, residual, root, missing or {})
+    tested = _missing_terms(rows, cov, residual, root, missing or {})
+    of_terms = SCORE_TEST_SHARE * level if tested else 0.0
+    suspects = tuple(
+        words.format(size=size) for words, size, p in tested if len(tested) * p < of_terms
+    )
     fit = LinearFit(value, cov, chi2, dof, suspects)
-    if fit.p_value < _LEVEL:
-        if not suspects:
-            suspects = (
-                f"χ² is {chi2:.4g} with {dof} degrees of freedom: the noise is larger than stated, "
-                "or the model lacks something",
-            )
-        return LinearFit(value, cov * max(1.0, chi2 / dof), chi2, dof, suspects)
+    if not suspects and fit.p_value < level - of_terms:
+        words = (
+            f"χ² is {chi2:.4g} with {dof} degrees of freedom: the noise is larger than stated, "
+            "or the model lacks something"
+        )
+        fit = replace(fit, suspects=(words,))
+    if fit.p_value < _ENLARGING_LEVEL:
+        return replace(fit, covariance=cov * max(1.0, chi2 / dof))
     return fit
 
 
 def _missing_terms(
     rows: Array, covariance: Array, residual: Array, root: Array, missing: Mapping[str, Array]
-) -> tuple[str, ...]:
-    found: list[str] = []
+) -> list[tuple[str, float, float]]:
+    """Return the terms that the residuals can show, with their sizes and p-values."""
+    found: list[tuple[str, float, float]] = []
     for words, columns in missing.items():
         white: Array = np.asarray(np.linalg.solve(root, columns), dtype=float)
         beyond = white - rows @ (covariance @ (rows.T @ white))
@@ -115,7 +127,6 @@ def _missing_terms(
             continue
         score = white.T @ residual
         gain = float(score @ np.linalg.solve(information, score))
-        if special.chdtrc(columns.shape[1], gain) < _TERM_LEVEL / len(missing):
-            size = np.linalg.norm(np.linalg.solve(information, score))
-            found.append(words.format(size=size))
-    return tuple(found)
+        size = float(np.linalg.norm(np.linalg.solve(information, score)))
+        found.append((words, size, float(special.chdtrc(columns.shape[1], gain))))
+    return found

@@ -4,8 +4,8 @@ A `Recording` has the sensor's output units; `Observations` are in SI. Both may 
 trials, `(..., n, m)`; trials share times and labels.
 """
 
-from inercal.recording.findings import Finding, Severity
-from inercal.recording.observations import Observations, join_observations
+from inercal.recording.findings import Finding, Severity, merge_findings, merge_messages
+from inercal.recording.observations import MeansTrend, Observations, join_observations
 from inercal.recording.samples import (
     GAP_FACTOR,
     STAMP_ROUNDING,
@@ -34,6 +34,7 @@ __all__ = [
     "Indices",
     "LineBreaks",
     "Mark",
+    "MeansTrend",
     "Observations",
     "Recording",
     "Severity",
@@ -43,6 +44,8 @@ __all__ = [
     "join_observations",
     "join_tracks",
     "line_of_row",
+    "merge_findings",
+    "merge_messages",
     "sample_count",
     "temperature_rate",
 ]

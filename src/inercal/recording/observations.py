@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,20 @@ from inercal.recording.transitions import HalfSectionChanges, Transitions
 
 if TYPE_CHECKING:
     from inercal.estimate import ModelTest
+
+
+class MeansTrend(NamedTuple):
+    """A drift linear in time that slopes within rows show: its effect on each mean.
+
+    Parameters
+    ----------
+    value, sd : (r, m) arrays
+        The effect about the middle of the rests, and its standard deviation, with the sign of the
+        time: of one channel all rows have one error. Zero of channels without.
+    """
+
+    value: Array
+    sd: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +73,8 @@ class Observations:
     common : (..., r, m, k) array or None
         Effect on each reading of k independent errors of unit variance, which rows have in common;
         `full_covariance` includes them.
+    trend : MeansTrend or None
+        What slopes within the rows show of a drift; `drift` has what is known of it without them.
 
     Raises
     ------
@@ -85,6 +101,7 @@ class Observations:
     timed: bool = True
     temperature: Array | None = None
     common: Array | None = None
+    trend: MeansTrend | None = None
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)
@@ -149,6 +166,20 @@ class Observations:
             full = full + effect @ np.swapaxes(effect, -1, -2)
         return full
 
+    def without_trend(self) -> "Observations":
+        """Return the observations less the drift that slopes show, whose rest is in `drift`.
+
+        A likelihood that takes slopes as readings of a drift of any size is that of these means.
+        """
+        if self.trend is None:
+            return self
+        value, sd = self.trend
+        known = np.flatnonzero(sd.any(axis=0))
+        r, m = sd.shape
+        drift = np.zeros((r, r, m)) if self.drift is None else self.drift.copy()
+        drift[..., known] = sd[:, None, known] * sd[None, :, known]
+        return replace(self, mean=self.mean - value, drift=drift, trend=None)
+
     def temperature_offset(self, reference: float) -> Array:
         """Return the temperature of each row minus a reference, (..., r) K; () of 0 without one."""
         return np.zeros(()) if self.temperature is None else self.temperature - reference
@@ -187,7 +218,7 @@ class Observations:
     def rows(self, at: Sequence[int]) -> "Observations":
         """Return some rows, without transitions, changes within rows and samples."""
         kept = list(at)
-        drift, t = self.drift, self.temperature
+        drift, t, trend = self.drift, self.temperature, self.trend
         return replace(
             self,
             labels=tuple(self.labels[k] for k in kept),
@@ -197,6 +228,7 @@ class Observations:
             samples=self.samples[kept],
             time=self.time[kept],
             drift=None if drift is None else drift[np.ix_(kept, kept)],
+            trend=None if trend is None else MeansTrend(trend.value[kept], trend.sd[kept]),
             transitions=None,
             halves=None,
             track=None,

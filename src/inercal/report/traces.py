@@ -118,7 +118,8 @@ def _mark_findings(axes: Axes, outcome: Outcome, recording: Recording, names: li
     """Mark what the audit found in these channels or in all."""
     spans = [
         (f.start, min(f.stop, recording.time.size))
-        for f in outcome.findings
+        for one in outcome.findings
+        for f in one.merged or (one,)
         if f.start is not None and f.stop is not None and f.channel in (None, *names)
     ]
     if spans:

@@ -25,7 +25,8 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Rotation, Step, Turn
-from inercal.recording import Mark, Observations, Recording
+from inercal.recording import Mark, MeansTrend, Observations, Recording
+from inercal.recording.temperature_course import temperature_varies
 from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.segments.drift import drift_covariance
 from inercal.segments.hand_motion_noise import density_without_hand_motion, noise_degrees_of_freedom
@@ -70,7 +71,7 @@ def observe(
     drifting : bool
         Whether a drift linear in time, significant in the slopes of the sections, is added to
         `drift`, about the middle of the rests: for plans that read each axis too seldom to show it
-        otherwise. Without a trial axis.
+        otherwise. Of accelerometers `trend` is what the slopes show of it. Without a trial axis.
     turning : sequence of str
         Labels of further steps whose scatter is motion.
 
@@ -139,7 +140,10 @@ def observe(
         variance[at_rest] *= noise.scale
         return np.sqrt(variance), noise
 
-    tests, notes, noise = (), (), None
+    of_rows = None
+    if temperature is not None:
+        of_rows = np.stack([temperature[..., a:b].mean(axis=-1) for a, b in ranges], axis=-1)
+    tests, notes, noise, trend = (), (), None, None
     drift = drift_covariance(
         [axis.noise for axis in sensor.axes],
         middles - recording.time[0],
@@ -153,7 +157,12 @@ def observe(
             since = middles - middles[at_rest].mean()
             shared = np.outer(since, since)[..., None] * noise.trend**2
             drift = shared if drift is None else drift + shared
-            notes = (*notes, *drift_notes(sensor, noise.trend * recording.duration))
+            open_trend = noise.trend
+            # Over rests at several temperatures a drift cannot be told from their effect.
+            if not temperature_varies(of_rows):
+                trend = MeansTrend(since[:, None] * noise.slope, since[:, None] * noise.slope_sd)
+                open_trend = np.where(noise.slope_sd > 0, noise.slope_sd, open_trend)
+            notes = (*notes, *drift_notes(sensor, open_trend * recording.duration))
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
         kelvins: list[Array | None] = [temperature] * len(trials)
@@ -175,12 +184,11 @@ def observe(
         channels=sensor.channels,
         dof=dof,
         drift=drift,
+        trend=trend,
         rounding=coarse,
         tests=tests,
         notes=notes,
-        temperature=None
-        if temperature is None
-        else np.stack([temperature[..., a:b].mean(axis=-1) for a, b in ranges], axis=-1),
+        temperature=of_rows,
     )
 
 

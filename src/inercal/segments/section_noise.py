@@ -27,6 +27,8 @@ class SectionNoise(NamedTuple):
     scale: Array  # (r, m), each section's variance over the mean of all
     correlation: tuple[NoiseCorrelation, ...]  # of each channel
     trend: Array  # (m,) per second, sd of the drift of a kind's channels beyond noise
+    slope: Array  # (m,) per second, mean slope of accelerometers within the sections, or 0
+    slope_sd: Array  # (m,) per second
     tests: tuple[ModelTest, ...]
     notes: tuple[str, ...]
     disturbance_variance: Array  # (r, m), variance of each mean by a change within its section
@@ -76,6 +78,7 @@ def section_noise_statistics(
     """
     r, m = len(labels), len(sensor.axes)
     scale, trend, disturbance_variance = np.ones((r, m)), np.zeros(m), np.zeros((r, m))
+    slope, slope_sd = np.zeros(m), np.zeros(m)
     correlation = [WHITE] * m
     tests: list[ModelTest] = []
     notes: list[str] = []
@@ -86,7 +89,9 @@ def section_noise_statistics(
         judged = analyse_sections(cut, labels, ["accelerometers along gravity"], steps)
         # The effect of a drift changes its sign with the attitude: the norms of all rests show it.
         within = (judged.within,) if judged.within and judged.shape == "change" else ()
-        return SectionNoise(scale, (WHITE,) * m, trend, within, (), disturbance_variance)
+        return SectionNoise(
+            scale, (WHITE,) * m, trend, slope, slope_sd, within, (), disturbance_variance
+        )
     for kind, words in _KINDS.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not own:
@@ -108,11 +113,20 @@ def section_noise_statistics(
                 # All sections measure the bias of a gyro, and their residuals show its drift. Two
                 # of six measure that of an accelerometer: a drift below any test changes it.
                 trend[own] = np.maximum(trend[own], judged.undetectable_trend_sd)
+                slope[own] = np.nan_to_num(judged.trend)
+                slope_sd[own] = np.nan_to_num(judged.trend_sd)
             for k in own:
                 correlation[k] = judged.correlation
         notes += _notes(words, judged, seconds, labels, stated)
     return SectionNoise(
-        scale, tuple(correlation), trend, tuple(tests), tuple(notes), disturbance_variance
+        scale,
+        tuple(correlation),
+        trend,
+        slope,
+        slope_sd,
+        tuple(tests),
+        tuple(notes),
+        disturbance_variance,
     )
 
 

@@ -119,8 +119,12 @@ def nominal_plan(run: Source[RestsSection]) -> tuple[HandStep, ...]:
     return tuple(step for step in run.steps if isinstance(step, Hold | Turn))
 
 
-def _allows_repeat_visits(run: Source[RestsSection]) -> bool:
-    """Return whether positions may be visited again, at another temperature."""
+def _numbers_visits(run: Source[RestsSection]) -> bool:
+    """Return whether a label may come again, for a visit of its position at another temperature.
+
+    Otherwise a label that comes twice is a mistake, and a second visit has a label of its own,
+    "x_p (2)".
+    """
     return run.data.temperature is not None and not run.method.unknown_attitudes
 
 
@@ -128,7 +132,7 @@ def _steps_by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep
     """Return the plan's steps by the names of up to `count` visits of each."""
     found: dict[str, HandStep] = {}
     for step in nominal_plan(run):
-        names = number_repeated_names([step.label] * (count if _allows_repeat_visits(run) else 1))
+        names = number_repeated_names([step.label] * count)
         found |= {name: replace(step, label=name) for name in names}
     return found
 
@@ -158,7 +162,7 @@ def _read_means(run: Source[RestsSection]) -> Observations:
         run.sensor,
         stated_deviations(run),
         None if seconds is None else str(seconds),
-        number_repeated_names if _allows_repeat_visits(run) else tuple,
+        number_repeated_names if _numbers_visits(run) else tuple,
     )
 
 
@@ -188,12 +192,14 @@ def _planned_sections(
                 names=tuple(labels),
             )
     else:
-        marks = stated_marks(run, recording, again=_allows_repeat_visits(run))
-        if _allows_repeat_visits(run):
+        marks = stated_marks(run, recording, again=_numbers_visits(run))
+        if _numbers_visits(run):
             names = number_repeated_names([mark.label for mark in marks])
             marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
-            steps = tuple(_steps_by_visit(run, len(marks)).values())
-            labels = [step.label for step in steps]
+        marked = {mark.label for mark in marks}
+        again = [s for n, s in _steps_by_visit(run, len(marks)).items() if n in marked]
+        steps = tuple(dict.fromkeys((*again, *steps)))
+        labels = [step.label for step in steps]
     check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = check_marked_rests(run, recording, [mark for mark in marks if mark.label in holds])
@@ -229,7 +235,7 @@ def _free_rests(
     if rests is not None:
         marks, findings = rests.marks, (*findings, rests.finding)
     else:
-        marks = stated_marks(run, recording, again=_allows_repeat_visits(run))
+        marks = stated_marks(run, recording, again=_numbers_visits(run))
         check_marks(marks, recording, [mark.label for mark in marks])
     marks, left_out = valid_marks(recording, run.sensor, marks)
     findings += check_rests(run, recording, marks) + check_axes(run, recording, marks)[1]

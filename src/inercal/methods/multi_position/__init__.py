@@ -9,7 +9,8 @@ input axis, y in the plane of the first two.
 
 Each kind of rows has its own χ² test. Where χ² exceeds its 95 % bound, the scatter that explains it
 is added to the noise. Where it is below its 1 % bound, the samples contain the hand's wobble, and
-only a share of their scatter is noise (`inercal.estimate.residual_scatter`). Terms that the model
+only a share of their scatter is noise (`inercal.estimate.residual_scatter`); noise that a table of
+means states is not reduced. Terms that the model
 omits are tested with the noise before anything is added
 (`inercal.methods.multi_position.rest_candidates`).
 

@@ -99,6 +99,11 @@ class Rests:
         """Number of accelerometer axes."""
         return len(self.force.axes)
 
+    @property
+    def noise_is_stated(self) -> bool:
+        """Whether the noise was stated, as that of a table of means, and not found in samples."""
+        return bool(np.isinf(self.observations.dof))
+
     @cached_property
     def temperature_offsets(self) -> Array:
         """ΔT of each rest, (r,) K; () of 0 for a sensor that does not depend on it."""

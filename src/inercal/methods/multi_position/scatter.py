@@ -35,7 +35,8 @@ def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
         return whitener(rests, rows, Scatter(force))(columns)
 
     chi2 = chi_squared(rows.residual, jacobian, lambda a: whiten(ScatterModel(), a))
-    return ScatterStatistics(chi2, dof, fit_scatter(rows.residual, jacobian, whiten, dof))
+    found = fit_scatter(rows.residual, jacobian, whiten, dof, stated=rests.noise_is_stated)
+    return ScatterStatistics(chi2, dof, found)
 
 
 def rate_scatter(rests: Rests, rows: ResidualRows, shown: Places) -> ScatterStatistics:
@@ -44,7 +45,8 @@ def rate_scatter(rests: Rests, rows: ResidualRows, shown: Places) -> ScatterStat
     whiten = _rate_whitener(rests)
     dof = max(len(residual) - shown.size, 0)
     chi2 = chi_squared(residual, jacobian, lambda a: whiten(ScatterModel(), a))
-    return ScatterStatistics(chi2, dof, fit_scatter(residual, jacobian, whiten, dof))
+    found = fit_scatter(residual, jacobian, whiten, dof, stated=rests.noise_is_stated)
+    return ScatterStatistics(chi2, dof, found)
 
 
 def rotation_scatter(
@@ -82,6 +84,7 @@ def rotation_scatter(
             dof,
             others(known),
             _accelerometer_share(rests, rows, known),
+            stated=rests.noise_is_stated,
         )
 
     stated = whitener(rests, rows, scatter)

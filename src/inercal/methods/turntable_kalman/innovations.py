@@ -100,7 +100,7 @@ def describe_innovations(one: FilterResult) -> str:
     mean = one.nis / max(one.components, 1)
     text = f"{one.course.name}: the innovations' NIS per component is {mean:.2f}"
     if variance_inflation(one) > 1:
-        return f"{text}, significantly above 1: the noise or the table is worse than stated"
+        return f"{text}, above its 95 % bound: all variances are multiplied by it"
     if one.untested_reason:
         return f"{text}; it is no test of noise and table: {one.untested_reason}"
     if one.nis < _MIN_NIS_RATIO * one.minimum_nis * chdtri(one.components, _CONFIDENCE_LEVEL):

@@ -12,15 +12,19 @@ there.
 
 Source: IEEE Std 1431, 12.13 (north by a rate gyro).
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
 
 from dataclasses import replace
 from math import atan2, hypot, pi
 
 import numpy as np
+from scipy import special
 
 from inercal.arrays import Array
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
+from inercal.estimate.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 from inercal.qualification.linear_fit import linear_fit
 from inercal.qualification.measurements.measured_parameters import MeasuredParameters, from_fit
 
@@ -73,6 +77,7 @@ def earth_rate_azimuth(
         np.full(len(reading), sd),
         missing,
         "read the gyro at four or more angles, evenly over a turn",
+        level=SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL,
     )
     c, s = fit.value[:2]
     amplitude = hypot(c, s)
@@ -89,7 +94,7 @@ def earth_rate_azimuth(
     suspects = fit.suspects
     radial = float(np.sqrt(fit.value[:2] @ fit.covariance[:2, :2] @ fit.value[:2])) / amplitude
     pull = (amplitude - expected) / hypot(radial, scale_sd * expected)
-    if abs(pull) > 3:
+    if 2 * special.ndtr(-abs(pull)) < (1 - SCORE_TEST_SHARE) * SIGNIFICANCE_LEVEL:
         suspects = (
             *suspects,
             f"the amplitude is {hour * amplitude:.4g} °/h where the earth's rate has "

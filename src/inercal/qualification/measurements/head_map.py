@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.estimate.scores import SIGNIFICANCE_LEVEL
 from inercal.qualification.linear_fit import LinearFit, linear_fit
 from inercal.qualification.measurements.measured_parameters import MeasuredParameters, from_fit
 
@@ -174,13 +175,14 @@ def _closure(
         np.full(len(reading), sd),
         unseen="the polygon is not separated from the head; turn the polygon by one face in each "
         "further series",
+        level=SIGNIFICANCE_LEVEL / 2,
     )
     k = n - 1
     even = 2 * pi * np.arange(n) / n
     waves, missing = _waves(even, harmonics, n)
     noise = whole.covariance[:k, :k] + division_sd**2 * np.eye(k)
     beyond = {words: head.T @ one for words, one in missing.items()}
-    fit = linear_fit(head.T @ waves, whole.value[:k], noise, beyond)
+    fit = linear_fit(head.T @ waves, whole.value[:k], noise, beyond, level=SIGNIFICANCE_LEVEL / 2)
     both = replace(fit, chi2=fit.chi2 + whole.chi2, dof=fit.dof + whole.dof)
     suspects = (*whole.suspects, *fit.suspects)
     return replace(both, suspects=suspects)

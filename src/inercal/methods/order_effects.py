@@ -1,0 +1,162 @@
+"""What six positions cannot see of the order in which they were taken, and what would show it.
+
+Between two positions a bias may step. A sensor with hysteresis keeps a part of the input that it
+had before, or errs in the sense of the last change of its input; each is a pattern of the readings
+in the order of their times::
+
+    step after row j         1 in all later rows
+    input before             u_{i−1}, the input of the axis in the row before, in g
+    sense of the change      sign(u_i − u_{i−1}), as before where the input did not change
+
+A vibration that the sensor rectifies, or that is aliased to a constant, adds the same in all rows.
+What the coefficients and the bench's errors take up of a pattern leaves no residual: a pattern that
+moves a coefficient by 5 u and leaves a residual of norm below 7 is told, by its size of 5 u
+(`inercal.calibration.detectability`).
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches import Hand
+from inercal.benches.hand.bench import visit_number
+from inercal.calibration.detectability import CRITICAL_SHIFT, DETECTABLE_NORM
+from inercal.keys import ObservationName
+from inercal.methods._base import Fit, Remarks
+from inercal.plan import Hold, Turn
+from inercal.recording import Finding
+from inercal.sensors import Sensor
+from inercal.sensors.coefficient_tables import TABLES
+from inercal.units import format_value_and_uncertainty
+
+_KINDS = {"f": "accelerometers", "w": "gyros"}
+_BIASES = {"f": "k0", "w": "bias"}
+_REPEATED = "a position of each axis that is repeated at the end shows it"
+_REVERSED = "the positions once more in the reverse order show it"
+_BOTH_SENSES = "attitudes between the positions, reached from both sides, show it"
+_STILL = "a second recording where nothing vibrates shows it"
+
+
+class _Pattern(NamedTuple):
+    """A pattern of the readings: its name, what would show it, and the reading of each row."""
+
+    name: str
+    remedy: str
+    axis: str
+    by_row: Array  # (r,) per unit of its size
+
+
+def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
+    """Return a note on what these positions cannot see of their order, with what would show it.
+
+    There is a finding for each effect: its message begins with the name, and `channel` is the axis
+    that the smallest size shifts by 5 u.
+    """
+    rows, estimate, sensor = fit.estimate.rows(), fit.estimate, fit.sensor
+    if rows is None or len(estimate.observations or rows.residual) != len(rows.residual):
+        return Remarks()
+    order = np.argsort(fit.observations.time, kind="stable").tolist()
+    patterns = list(_patterns(fit, order))
+    names = [f"{axis}[{label}]" for label in fit.observations.labels for axis in sensor.channels]
+    of_row = np.repeat(np.arange(len(fit.observations.labels)), len(sensor.channels))
+    change = np.array(
+        [
+            [
+                one.by_row[row] if ObservationName(name).channel == one.axis else 0.0
+                for name, row in zip(names, of_row.tolist(), strict=True)
+            ]
+            for one in patterns
+        ]
+    ).reshape(len(patterns), len(names)).T  # fmt: skip
+    if len(names) != len(rows.residual) or not patterns:
+        return Remarks()
+    shift, visibility = rows.effects(change)
+    u = estimate.std[: len(sensor.coefficients)]
+    moved = np.max(np.abs(shift[: u.size]) / np.where(u > 0, u, np.inf)[:, None], axis=0)
+    unseen: dict[str, tuple[_Pattern, float]] = {}
+    for one, most, norm in zip(patterns, moved.tolist(), visibility.tolist(), strict=True):
+        if DETECTABLE_NORM * most <= CRITICAL_SHIFT * norm:
+            continue
+        size = CRITICAL_SHIFT / most
+        if one.name not in unseen or size < unseen[one.name][1]:
+            unseen[one.name] = one, size
+    findings = tuple(
+        Finding("note", "unseen", f"{name} ({_size_text(sensor, *found)}): "
+                f"{found[0].remedy}", found[0].axis)
+        for name, found in unseen.items()
+    )  # fmt: skip
+    if not findings:
+        return Remarks()
+    listed = "; ".join(one.message for one in findings)
+    note = (
+        "these data cannot show what follows, and U does not hold it (in brackets the size that "
+        f"shifts a coefficient by 5 u): {listed}"
+    )
+    return Remarks(notes=(note,), findings=findings)
+
+
+def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:
+    """Yield the patterns of each axis; `order` are the rows in the order of their times."""
+    steps, sensor = fit.steps, fit.sensor
+    reversed_too = _has_reverse_order(fit, order)
+    later = np.empty(len(steps))
+    later[list(order)] = np.arange(len(steps))
+    for axis in sensor.axes:
+        kind = _KINDS[axis.measures]
+        for j in range(len(steps) - 1):
+            name = f"step of the {kind} between two positions"
+            yield _Pattern(name, _REPEATED, axis.name, np.where(later > j, 1.0, 0.0))
+        yield _Pattern(
+            f"vibration that the {kind} rectify to a constant",
+            _STILL,
+            axis.name,
+            np.ones(len(steps)),
+        )
+        if axis.measures != "f":
+            continue
+        for by_row, remedy in (
+            (_inputs_before(steps, np.array(axis.i), order), _REVERSED),
+            (_senses(steps, np.array(axis.i), order), _BOTH_SENSES),
+        ):
+            remedy = remedy if reversed_too else _REVERSED
+            yield _Pattern(f"hysteresis of the {kind}", remedy, axis.name, by_row)
+
+
+def _has_reverse_order(fit: Fit[Hand, Any], order: Sequence[int]) -> bool:
+    """Return whether half of the positions or more were visited again."""
+    labels = [fit.observations.labels[k] for k in order if isinstance(fit.steps[k], Hold)]
+    return 2 * sum(visit_number(label) > 1 for label in labels) >= len(labels) > 0
+
+
+def _inputs(steps: Sequence[Any], axis: Array, order: Sequence[int]) -> list[float | None]:
+    """Return the input of an axis in the rows in their order, g; None in a turn."""
+    return [None if isinstance(steps[k], Turn) else float(axis @ steps[k].up) for k in order]
+
+
+def _inputs_before(steps: Sequence[Any], axis: Array, order: Sequence[int]) -> Array:
+    """Return the input of an axis in the position before each row, (r,) g."""
+    found, before = np.zeros(len(steps)), 0.0
+    for k, here in zip(order, _inputs(steps, axis, order), strict=True):
+        found[k] = before
+        before = before if here is None else here
+    return found
+
+
+def _senses(steps: Sequence[Any], axis: Array, order: Sequence[int]) -> Array:
+    """Return the sense of the last change of an axis's input at each row, (r,)."""
+    found, before, sense = np.zeros(len(steps)), 0.0, 0.0
+    for k, here in zip(order, _inputs(steps, axis, order), strict=True):
+        if here is not None and abs(here - before) > 1e-6:
+            sense = float(np.sign(here - before))
+            before = here
+        found[k] = sense
+    return found
+
+
+def _size_text(sensor: Sensor, one: _Pattern, size: float) -> str:
+    """Return a size in the unit of the axis's bias."""
+    measures = next(axis.measures for axis in sensor.axes if axis.name == one.axis)
+    line = next(line for line in TABLES[measures] if line.name == _BIASES[measures])
+    return f"{format_value_and_uncertainty(0.0, size / line.si)[1]} {line.unit}"

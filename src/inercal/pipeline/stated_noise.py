@@ -1,0 +1,214 @@
+"""The noise that a run file states, compared with that of the data: too large, or too small.
+
+In a recording the density of the means' noise is compared with [sensor] white. Besides white noise
+N a mean over T contains bias instability B, random walk K and the quantisation step q: at most
+B² + K² T/3 + q²/12 of variance, which is allowed for. In motion and in a hand readings contain more
+than the sensor's noise: only a white noise that is too large shows there.
+
+From a table of means the noise is stated alone, and the residuals show it
+(`inercal.estimate.noise_scale`). The residuals also show where noise and bench together were stated
+too large, which is a remark: a bench may be better than one can state.
+
+A noise that was stated too large counts from a factor of 1.3 on that chance does not explain. It is
+a warning where uncertainties follow from it: in a table of means, and in a method that weighs its
+readings by the stated noise, where the residuals are then too small. Where they follow from the
+noise of the recording it is a remark below a factor of 2, from which on unit or scale are in doubt.
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from inercal.arrays import Array
+from inercal.estimate import Estimate
+from inercal.estimate.noise_scale import noise_scale
+from inercal.keys import ObservationName
+from inercal.plan import Rotation, Spin, Step, Turn
+from inercal.recording import Finding, Observations, Severity
+from inercal.sensors import Sensor
+from inercal.units import format_value_and_uncertainty, si_factor
+
+_LARGE_RATIO = 2.0  # of noise, beyond which unit or scale are in doubt
+_LEAST_RATIO = 1.3  # stated over found; less is of no matter, and a stated 1.5 is always beyond it
+_LEVEL = 1e-3  # of all comparisons of a run together
+_NOISE_UNITS = {"f": ("accelerometer", "m/s²", "µg/√Hz"), "w": ("gyro", "rad/s", "°/√h")}
+
+
+class _Comparison(NamedTuple):
+    """The stated standard deviation over that found, of one axis or of all of a kind."""
+
+    ratio: float
+    axis: int  # place in the sensor
+    p_value: float  # that chance makes the noise found as small as this
+
+
+def stated_noise_findings(
+    estimate: Estimate,
+    observations: Observations,
+    sensor: Sensor,
+    steps: Sequence[Step],
+    *,
+    recorded: bool,
+    by_hand: bool,
+) -> tuple[Finding, ...]:
+    """Return findings on noise that is not as stated, each with its factor.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Without a trial axis.
+    observations : Observations
+        Without a trial axis.
+    sensor : Sensor
+    steps : sequence of r Step
+        Of each row.
+    recorded : bool
+        Whether the rows are means over a recording; otherwise their deviations are stated.
+    by_hand : bool
+        Whether the sensor is held by hand.
+    """
+    whole = [(1 / group.scatter_ratio, group.chi2, group.dof)
+             for group in estimate.groups if group.dof and group.chi2 > 0]  # fmt: skip
+    if not estimate.groups and estimate.dof and estimate.chi2 > 0:
+        chi2 = float(estimate.chi2)
+        whole = [((estimate.dof / chi2) ** 0.5, chi2, estimate.dof)]
+    small = max(
+        (
+            ratio
+            for ratio, chi2, dof in whole
+            if len(whole) * float(scipy.special.chdtr(dof, chi2)) < _LEVEL
+        ),
+        default=1.0,
+    )
+    if recorded:
+        severe = small >= _LEAST_RATIO
+        found = tuple(_recorded_noise(observations, sensor, steps, by_hand, severe))
+    elif estimate.groups:
+        found = (_means_finding("means", small),) if small >= _LEAST_RATIO else ()
+    else:
+        found = tuple(_noise_of_means(estimate, sensor))
+    if not found and small >= _LEAST_RATIO and not (estimate.groups and recorded):
+        text = (
+            f"the residuals are {small:.2g} times smaller than noise and bench as stated make "
+            "them: U is too large"
+        )
+        return (Finding("note", "residuals", text, factor=small),)
+    return found
+
+
+def _recorded_noise(
+    observations: Observations, sensor: Sensor, steps: Sequence[Step], by_hand: bool, severe: bool
+) -> Iterator[Finding]:
+    """Yield a finding for each kind of axes whose noise in a recording is not as stated."""
+    variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
+    resting = np.array([not by_hand and _is_at_rest(step) for step in steps])
+    duration = observations.duration[:, None]
+    for kind, (section, like, unit) in _NOISE_UNITS.items():
+        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        noises = [sensor.axes[k].noise for k in own]
+        if not any(noise.white for noise in noises):
+            continue
+        stated = np.array([noise.white**2 for noise in noises])
+        slow = np.array([n.bias_instability**2 + n.quantisation**2 / 12 for n in noises])
+        walk = np.array([n.random_walk**2 for n in noises])
+        most = stated + slow * duration + walk * duration**2 / 3
+        density = variance[:, own] * duration
+        low = np.median(density / stated, axis=0)
+        high = np.median((density / most)[resting], axis=0) if resting.any() else np.ones(len(own))
+        too_small = int(np.argmax(high))
+        # In a hand one number stands for the accelerometers together.
+        each = observations.dof / (len(own) if by_hand and kind == "f" else 1)
+        compared = _most_significant(low, each)
+        size = si_factor(unit, f"({like})/√Hz")
+        if high[too_small] > _LARGE_RATIO**2:
+            k, ratio, severity = too_small, float(high[too_small]) ** -0.5, "warning"
+        elif compared is not None:
+            k, ratio = compared.axis, compared.ratio
+            severity: Severity = "warning" if severe or ratio > _LARGE_RATIO else "note"
+        else:
+            continue
+        name = sensor.axes[own[k]].name
+        mean = float(np.sqrt(np.median(density[:, k])))
+        recorded, white = (
+            format_value_and_uncertainty(0.0, x / size)[1] for x in (mean, noises[k].white)
+        )
+        text = (
+            f"{name}: the noise of the recording is {recorded} {unit}, but [sensor.{section}] "
+            f"white states {white} {unit}, {_times(ratio)}; check white, unit and scale of "
+            f"[sensor.{section}]"
+        )
+        if severity == "warning" and ratio > 1 and severe:
+            text += "; U follows from the stated noise and is too large"
+        yield Finding(severity, "noise", text, name, factor=ratio)
+
+
+def _most_significant(low: Array, dof: float) -> _Comparison | None:
+    """Return where the noise found, over that stated, is too small for chance: one axis or all.
+
+    Parameters
+    ----------
+    low : (m,) array
+        Variance found over that stated, of each axis.
+    dof : float
+        Degrees of freedom of each.
+    """
+    m, worst = len(low), int(np.argmin(low))
+    mean = float(np.mean(low))
+    compared = [
+        _Comparison(float(low[worst]) ** -0.5, worst, m * _smaller(float(low[worst]), dof)),
+        _Comparison(mean**-0.5, worst, _smaller(mean, m * dof)),
+    ]
+    kept = [
+        one
+        for one in compared
+        if len(compared) * one.p_value < _LEVEL and one.ratio >= _LEAST_RATIO
+    ]
+    return min(kept, key=lambda one: one.p_value, default=None)
+
+
+def _smaller(ratio: float, dof: float) -> float:
+    """Return the probability of a variance as small as this ratio to the stated one."""
+    if np.isinf(dof):
+        return 0.0 if ratio < 1 else 1.0
+    return float(scipy.special.chdtr(dof, dof * ratio))
+
+
+def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
+    """Yield a finding for each kind of axes whose deviations of means are stated too large."""
+    rows = estimate.rows()
+    if rows is None or len(estimate.observations) != len(rows.residual):
+        return
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+    kinds = np.array(
+        [measures.get(ObservationName(one).channel, "f") for one in estimate.observations]
+    )
+    for kind, (section, _, _) in _NOISE_UNITS.items():
+        if not np.any(kinds == kind):
+            continue
+        found = noise_scale(rows, kinds == kind)
+        if found is not None and found.ratio >= _LEAST_RATIO and found.p_value < _LEVEL:
+            yield _means_finding(section, found.ratio)
+
+
+def _means_finding(section: str, ratio: float) -> Finding:
+    text = (
+        f"the means scatter less than stated: [data.sd] of {section} is {_times(ratio)}; U follows "
+        "from it and is too large"
+    )
+    return Finding("warning", "noise", text, factor=ratio)
+
+
+def _times(ratio: float) -> str:
+    """Return how much too large or too small a stated noise is."""
+    return f"{ratio:.2g} times too large" if ratio > 1 else f"{1 / ratio:.2g} times too small"
+
+
+def _is_at_rest(step: Step) -> bool:
+    """Return whether a step is at rest."""
+    if isinstance(step, Spin):
+        return step.rate == 0
+    return not isinstance(step, Turn | Rotation)

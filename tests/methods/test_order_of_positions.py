@@ -1,0 +1,139 @@
+"""Steps, hysteresis and a constant vibration in six positions: told where they cannot be seen."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+import inercal
+from inercal.pipeline import Outcome
+
+UPS = {a + s: k * np.eye(3)[i] for i, a in enumerate("xyz") for s, k in (("_p", 1), ("_a", -1))}
+SIX = tuple(UPS)
+SD, TILT, PLACEMENT = 30e-6, 0.1, 0.002  # g, °, °
+MG = 1e-3  # g
+EFFECTS = {
+    "step": "step of the accelerometers between two positions",
+    "before": "hysteresis of the accelerometers",
+    "sense": "hysteresis of the accelerometers",
+    "vibration": "vibration that the accelerometers rectify to a constant",
+}
+
+
+def readings(order: Sequence[str], effect: str, size: float, seed: int) -> np.ndarray:
+    """Return mean readings of positions in their order, (r, 3) g, with one effect of a size."""
+    rng = np.random.default_rng(seed)
+    faces = {name: np.radians(TILT) * rng.standard_normal(3) for name in UPS}
+    ups = np.array([UPS[name] for name in order])
+    lean = [faces[n] + np.radians(PLACEMENT) * rng.standard_normal(3) for n in order]
+    f = ups + np.cross(np.array(lean), ups)
+    f /= np.linalg.norm(f, axis=1)[:, None]
+    y = f * (1 + 2e-3 * rng.standard_normal(3)) + 0.02 * rng.standard_normal(3)
+    y += SD * rng.standard_normal(y.shape)
+    before = np.vstack([np.zeros(3), ups[:-1]])
+    if effect == "step":
+        y[3:] += size
+    if effect == "before":
+        y += size / 2 * before
+    if effect == "sense":
+        sense = np.zeros(3)
+        for k, here in enumerate(ups):
+            sense = np.where(here != before[k], np.sign(here - before[k]), sense)
+            y[k] += size / 2 * sense
+    if effect == "vibration":
+        y += size
+    return y
+
+
+def labelled(order: Sequence[str]) -> list[str]:
+    """Return the label of each visit: the second of "x_p" is "x_p (2)"."""
+    seen = [order[:k].count(name) for k, name in enumerate(order)]
+    return [f"{n} ({k + 1})" if k else n for n, k in zip(order, seen, strict=True)]
+
+
+def calibrated(order: Sequence[str], effect: str = "", size: float = 0.0, seed: int = 1) -> Outcome:
+    y = readings(list(order), effect, size, seed)
+    columns = {f"acc_{a}": y[:, k] for k, a in enumerate("xyz")}
+    return inercal.calibrate(
+        {"position": labelled(list(order)), **columns},
+        method="six_position",
+        sensor={"accelerometer": {"unit": "g"}},
+        bench={
+            "gravity": "9.80665 m/s² ± 0.2 mm/s²",
+            "tilt": f"{TILT} °",
+            "placement": f"{PLACEMENT} °",
+        },
+        kind="means",
+        label="position",
+        sd={"accelerometer": f"{SD * 1e6:g} µg"},
+    )
+
+
+def unseen(outcome: Outcome) -> dict[str, str]:
+    """Return what is told to be unseen, with what would show it."""
+    told = [one.message for one in outcome.findings if one.what == "unseen"]
+    return {name.partition(" (")[0]: rest for name, _, rest in (t.partition(": ") for t in told)}
+
+
+@pytest.mark.parametrize(("effect", "size"), [("step", 2 * MG), ("before", MG), ("sense", MG)])
+def test_six_positions_tell_an_effect_of_their_order_that_they_cannot_see(effect: str, size: float):
+    usual = calibrated(SIX).calibration
+    moved = [calibrated(SIX, effect, size, seed) for seed in range(6)]
+    quiet = [one for one in moved if one.verdict.grade == "consistent"]
+    assert len(quiet) >= 4
+    shifts = np.abs(moved[1].calibration.values - usual.values) / usual.std
+    assert shifts.max() > 5
+    assert all(EFFECTS[effect] in unseen(one) for one in quiet)
+    assert all(
+        EFFECTS[effect] in line for one in quiet for line in one.verdict if "order show it" in line
+    )
+
+
+@pytest.mark.parametrize(("effect", "size"), [("step", 2 * MG), ("before", MG), ("sense", MG)])
+@pytest.mark.parametrize("more", [("x_p", "y_p", "z_p"), SIX[::-1]])
+def test_positions_that_are_visited_again_show_it(effect: str, size: float, more: Sequence[str]):
+    for seed in range(4):
+        assert calibrated((*SIX, *more), effect, size, seed).verdict.grade != "consistent"
+
+
+def test_positions_that_are_visited_again_raise_no_false_alarm():
+    grades = [calibrated((*SIX, *SIX[::-1]), seed=seed).verdict.grade for seed in range(20)]
+    assert grades.count("consistent") >= 19
+
+
+def test_a_size_that_is_told_shifts_a_coefficient_by_five_u():
+    outcome = calibrated(SIX)
+    told = next(o.message for o in outcome.findings if EFFECTS["step"] in o.message)
+    size = float(told.partition("(")[2].partition(" µg")[0]) * 1e-6
+    usual = outcome.calibration
+    worst = 0.0
+    for first in range(1, 6):
+        y = readings(SIX, "", 0.0, 1)
+        y[first:] += size
+        there = calibrated_from(y)
+        worst = max(worst, float(np.max(np.abs(there.values - usual.values) / usual.std)))
+    assert worst == pytest.approx(5.0, rel=0.1)
+
+
+def calibrated_from(y: np.ndarray) -> inercal.Calibration:
+    columns = {f"acc_{a}": y[:, k] for k, a in enumerate("xyz")}
+    return inercal.calibrate(
+        {"position": list(SIX), **columns},
+        method="six_position",
+        sensor={"accelerometer": {"unit": "g"}},
+        bench={
+            "gravity": "9.80665 m/s² ± 0.2 mm/s²",
+            "tilt": f"{TILT} °",
+            "placement": f"{PLACEMENT} °",
+        },
+        kind="means",
+        label="position",
+        sd={"accelerometer": f"{SD * 1e6:g} µg"},
+    ).calibration
+
+
+def test_a_constant_vibration_is_told_in_any_order():
+    for order in (SIX, (*SIX, *SIX[::-1])):
+        outcome = calibrated(order, "vibration", 2 * MG)
+        assert outcome.verdict.grade == "consistent"
+        assert EFFECTS["vibration"] in unseen(outcome)
