@@ -16,10 +16,14 @@ from inercal.errors import InputError
 from inercal.io.atomic_files import atomic_write
 from inercal.io.column_table import TOO_LARGE, Array, Table, shorten
 from inercal.io.read import Columns, read_table
-from inercal.recording import Observations
+from inercal.recording import Observations, ReadingSteps, rounding_notes
+from inercal.recording.rounding import NOISY
 from inercal.sensors import Axis, Sensor
+from inercal.uncertainty.rounding import last_digit
 from inercal.units import to_si
 
+_OF_NOISE = 0.01  # share of a mean's variance below which its last digit is not counted
+_ONE_DIGIT = 0.1  # of the largest mean: whole numbers such as 1 and 0 g are not what was read
 _ROWS = 4  # the means of fewer rows may agree to the last digit
 SD_SUFFIX = "_sd"  # added to the name of a column: its standard deviation
 
@@ -151,17 +155,46 @@ def observations_from_table(
     if columns.temperature is not None:
         cells = number_column(path, table, columns.temperature, "write the temperature")
         temperature = to_si(cells, columns.temperature_unit, like="K")
+    mean, covariance = sensor.to_si(output), deviation[..., None] ** 2 * np.eye(len(sensor.axes))
+    digits = _rounding_of_digits(output, deviation, sensor)
+    rounding, notes = digits.errors_of_means(mean), rounding_notes(sensor, digits, covariance)
+    if rounding is not None:
+        rounding = rounding.with_independent(digits.step**2 / 12 - digits.variance)
+        covariance = covariance + rounding.own[:, :, None] * np.eye(len(sensor.axes))
     return Observations(
         labels=labels,
-        mean=sensor.to_si(output),
-        covariance=deviation[..., None] ** 2 * np.eye(len(sensor.axes)),
+        mean=mean,
+        covariance=covariance,
         duration=durations,
         samples=np.ones(len(labels), dtype=np.int64),
         time=np.arange(len(labels), dtype=float),
         channels=sensor.channels,
+        rounding=rounding,
+        notes=notes,
         timed=False,
         temperature=temperature,
     )
+
+
+def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> ReadingSteps:
+    """Return how the means, (r, m), are rounded by the digits that they are written with.
+
+    A mean is one reading of its own noise; where that is large, digits do not matter.
+    """
+    scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
+    kinds = np.array([axis.measures for axis in sensor.axes])
+    step = np.zeros(scale.size)
+    for kind in set(kinds.tolist()):
+        alike = output[:, kinds == kind]  # written in one way
+        digit = last_digit(alike)
+        if digit <= _ONE_DIGIT * float(np.abs(alike).max(initial=0.0)):
+            step[kinds == kind] = digit
+    step /= scale
+    sd = np.median(deviation, axis=0)
+    step = np.where(step**2 / 12 > _OF_NOISE * sd**2, step, 0.0)
+    noise = np.where(step > 0, sd / np.where(step > 0, step, 1.0), NOISY)
+    never = np.zeros(step.size, dtype=np.bool_)
+    return ReadingSteps(step, np.minimum(noise, NOISY), never, np.zeros(step.size))
 
 
 def _refuse_constant_column(

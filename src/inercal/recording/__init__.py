@@ -6,6 +6,7 @@ trials, `(..., n, m)`; trials share times and labels.
 
 from inercal.recording.findings import Finding, Severity
 from inercal.recording.observations import Observations, join_observations
+from inercal.recording.rounding import ReadingSteps, RoundingErrors, rounding_notes
 from inercal.recording.samples import (
     GAP_FACTOR,
     Indices,
@@ -32,7 +33,9 @@ __all__ = [
     "LineBreaks",
     "Mark",
     "Observations",
+    "ReadingSteps",
     "Recording",
+    "RoundingErrors",
     "Severity",
     "Track",
     "Transitions",
@@ -40,5 +43,6 @@ __all__ = [
     "join_observations",
     "join_tracks",
     "line_of_row",
+    "rounding_notes",
     "temperature_rate",
 ]

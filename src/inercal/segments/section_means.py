@@ -25,10 +25,11 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Rotation, Step, Turn
-from inercal.recording import Mark, Observations, Recording
+from inercal.recording import Mark, Observations, Recording, rounding_notes
 from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.segments.drift import drift_covariance
 from inercal.segments.hand_motion_noise import density_without_hand_motion, noise_degrees_of_freedom
+from inercal.segments.reading_steps import reading_steps
 from inercal.segments.section_noise import SectionNoise, drift_notes, section_noise_statistics
 from inercal.segments.stillness import require_still
 from inercal.sensors import Sensor
@@ -101,7 +102,6 @@ def observe(
     holds = [step for step in used if step.label not in moving]
     if not holds:
         raise InputError(f"{recording.source}: no position at rest is marked; mark one at least")
-    scatter = np.stack([section(step).std(axis=-2) for step in holds])
     if not found:
         require_still(recording, sensor, [by_label[step.label] for step in holds])
     batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
@@ -122,8 +122,11 @@ def observe(
     if by_hand:
         density = density_without_hand_motion(density, sensor, at_rest_all())
         dof = min(dof, noise_degrees_of_freedom(len(holds)))
-    coarse = coarse_steps(recording.data, columns, sensor, scatter)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
+    steps_of_readings = reading_steps(
+        recording.data, columns, sensor, [ranges[used.index(step)] for step in holds]
+    )
+    coarse = steps_of_readings.variance
     durations = np.array([recording.span(*limits) for limits in ranges])
     middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
     covariance = density[..., None, :, :] / samples[:, None, None]
@@ -165,50 +168,30 @@ def observe(
     covariance = covariance * factor[..., :, None] * factor[..., None, :]
     if noise is not None:
         covariance[at_rest] += noise.disturbance_variance[:, :, None] * np.eye(len(columns))
+    mean = np.stack([section(step).mean(axis=-2) for step in used], axis=-2)
+    rounding = steps_of_readings.errors_of_means(
+        mean, samples, [used.index(step) for step in used if step.label in moving]
+    )
+    if rounding is not None:
+        notes = (*notes, *rounding_notes(sensor, steps_of_readings, covariance))
+        covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))
     return Observations(
         labels=tuple(step.label for step in used),
-        mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),
-        covariance=covariance + np.diag(coarse),
+        mean=mean,
+        covariance=covariance,
         duration=durations,
         samples=samples,
         time=middles,
         channels=sensor.channels,
         dof=dof,
         drift=drift,
-        rounding=coarse,
+        rounding=rounding,
         tests=tests,
         notes=notes,
         temperature=None
         if temperature is None
         else np.stack([temperature[..., a:b].mean(axis=-1) for a, b in ranges], axis=-1),
     )
-
-
-def coarse_steps(data: Array, columns: Sequence[int], sensor: Sensor, scatter: Array) -> Array:
-    """Return the variance that coarse steps add to each mean, (m,): q²/12, GUM F.2.2.1.
-
-    Noise of more than half a step averages the rounding errors; with less noise all samples of a
-    hold share one rounding error. The step is the larger of the stated step and that of the data.
-
-    Parameters
-    ----------
-    data : (..., n, k) array
-        Data of the recording, output units.
-    columns : sequence of m int
-        Columns of the sensor's axes.
-    sensor : Sensor
-    scatter : (holds, ..., m) array
-        Standard deviations within the holds, SI.
-    """
-    variance = np.zeros(len(sensor.axes))
-    for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
-        steps = np.abs(np.diff(data[..., column], axis=-1))
-        smallest = float(np.min(steps, initial=np.inf, where=steps > 0))
-        smallest = smallest if np.isfinite(smallest) else 0.0
-        step = max(axis.noise.quantisation, smallest / abs(axis.readout.scale))
-        if np.mean(scatter[..., k] ** 2) < (0.5 * step) ** 2:
-            variance[k] = step**2 / 12
-    return variance
 
 
 def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:

@@ -1,0 +1,181 @@
+"""The errors that coarse steps of the readings leave in means, and which rows have in common.
+
+The error of a mean has the variance β² of `inercal.uncertainty.rounding`. Rows i and j whose means
+differ by d share their place between two steps if d is small against the step q. Their errors have
+
+    cov = β² exp(−d²/2q²)
+
+which is a covariance for any means. Where a row has near ones, it has an independent error of up to
+the same size besides: true values that differ by part of a step, by the earth's rate, drift or
+sensitivity to acceleration, are read alike. A row in motion crosses many steps, and its errors
+average out: β²/n for n samples.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.sensors import Sensor
+from inercal.units import format_quantity
+from inercal.uncertainty.rounding import mean_rounding_variance
+
+NOISY = 0.6  # steps of noise; beyond, rounding leaves no error in a mean
+_KINDS = {"f": ("accelerometer", "g"), "w": ("gyro", "°/s")}
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingSteps:
+    """How the readings of m channels are rounded.
+
+    Parameters
+    ----------
+    step : (m,) array
+        SI; 0 where rounding has no effect on a mean. The width of the band about zero where a
+        channel has one in which it reads the same.
+    noise : (m,) array
+        Standard deviation of the noise over the step, by its lower bound.
+    dead_band : (m,) array of bool
+        Whether the step is such a band.
+    text : (m,) array
+        Standard deviation of the error by the digits in which the steps are written, SI: steps of
+        .02 °/s in rad/s with four decimals are uneven by a third.
+    """
+
+    step: Array
+    noise: Array
+    dead_band: NDArray[np.bool_]
+    text: Array
+
+    @property
+    def variance(self) -> Array:
+        """Variance of the error of a mean at rest, (m,) SI."""
+        shares = [
+            mean_rounding_variance(noise) if step else 0.0
+            for step, noise in zip(self.step.tolist(), self.noise.tolist(), strict=True)
+        ]
+        return self.step**2 * np.array(shares) + self.text**2
+
+    def errors_of_means(
+        self, mean: Array, samples: Array | None = None, moving: Sequence[int] = ()
+    ) -> "RoundingErrors | None":
+        """Return the errors of the means of r rows; None where rounding leaves none.
+
+        Parameters
+        ----------
+        mean : (..., r, m) array
+            SI; of several trials the first shows which rows are near one another.
+        samples : (r,) array, optional
+            Numbers of samples; needed where rows move.
+        moving : sequence of int
+            Rows that move.
+        """
+        variance = self.variance
+        if not variance.any():
+            return None
+        one: Array = mean.reshape(-1, *mean.shape[-2:])[0]
+        between = np.zeros((len(one), len(one), variance.size))
+        still = np.ones(len(one), dtype=np.bool_)
+        still[list(moving)] = False
+        both = still[:, None] & still & ~np.eye(len(one), dtype=np.bool_)
+        for k in np.flatnonzero(variance).tolist():
+            apart = (one[:, None, k] - one[:, k]) / self.step[k]
+            near: Array = np.where(both, np.exp(-0.5 * apart**2), 0.0)
+            own = 1 + near.max(axis=1, initial=0.0)
+            if samples is not None:
+                own = np.where(still, own, 1 / samples)
+            between[..., k] = variance[k] * (near + np.diag(own))
+        return RoundingErrors(between, self)
+
+
+@dataclass(frozen=True, eq=False)
+class RoundingErrors:
+    """Errors by rounding of the means of r rows of m channels.
+
+    Parameters
+    ----------
+    covariance : (r, r, m) array
+        Between the rows, of each channel, SI. The diagonal is part of the means' own covariance.
+    steps : ReadingSteps
+    """
+
+    covariance: Array
+    steps: ReadingSteps
+
+    @property
+    def own(self) -> Array:
+        """Variance of each mean, (r, m)."""
+        return np.diagonal(self.covariance, axis1=0, axis2=1).T
+
+    @property
+    def shared(self) -> Array:
+        """The covariance without the diagonal, (r, r, m)."""
+        return self.covariance * (1 - np.eye(len(self.covariance)))[..., None]
+
+    def with_independent(self, variance: Array) -> "RoundingErrors":
+        """Return the errors with more that each mean has by itself, variances (m,)."""
+        added = np.eye(len(self.covariance))[..., None] * variance
+        return RoundingErrors(self.covariance + added, self.steps)
+
+    def rows(self, at: Sequence[int]) -> "RoundingErrors":
+        """Return the errors of some rows."""
+        return RoundingErrors(self.covariance[np.ix_(at, at)], self.steps)
+
+
+def join_rounding_errors(
+    one: RoundingErrors | None, other: RoundingErrors | None, r: int, s: int
+) -> RoundingErrors | None:
+    """Return the errors of r and then s rows of two recordings; they are independent."""
+    if one is None or other is None:
+        known = one or other
+        if known is None:
+            return None
+        m = known.covariance.shape[-1]
+        nothing = [np.zeros((n, n, m)) for n in (r, s)]
+        one, other = one or RoundingErrors(nothing[0], known.steps), other or RoundingErrors(
+            nothing[1], known.steps
+        )
+    joined = np.zeros((r + s, r + s, one.covariance.shape[-1]))
+    joined[:r, :r], joined[r:, r:] = one.covariance, other.covariance
+    coarser = one if one.steps.variance.sum() >= other.steps.variance.sum() else other
+    return RoundingErrors(joined, coarser.steps)
+
+
+def rounding_notes(sensor: Sensor, steps: ReadingSteps, covariance: Array) -> tuple[str, ...]:
+    """Return a line on each kind of channels whose steps leave more error than noise in a mean.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    steps : ReadingSteps
+    covariance : (r, m, m) array
+        Of the means, without rounding.
+    """
+    variance = steps.variance
+    noise = np.median(np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, variance.size), axis=0)
+    notes: list[str] = []
+    for kind, (word, unit) in _KINDS.items():
+        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        own = [k for k in own if variance[k] > noise[k]]
+        if not own:
+            continue
+        k = max(own, key=lambda k: float(variance[k]))
+        names = ", ".join(sensor.axes[j].name for j in own)
+        size = format_quantity(float(steps.step[k]), 0.0, unit)
+        error = 2 * float(variance[k]) ** 0.5
+        if steps.dead_band[k]:
+            what = f"{word} readings stay at one value within a band of {size} ({names})"
+        else:
+            # The bound's grid is coarser than a digit.
+            limit = f"below {steps.noise[k] + 0.1:.1g} of a step"
+            what = f"{word} readings step by {size} and their noise may be {limit} ({names})"
+        known = f"± {error * 206264.806:.2g} °/h" if kind == "w" else f"± {error / 9.80665e-6:.2g} µg"
+        effect = (
+            f"rests show the bias only to {known}, however many rests there are"
+            if kind == "w"
+            else f"rounding leaves an error of {known} in the mean of each position"
+        )
+        notes.append(f"{what}: {effect}; it is included in U")
+    return tuple(notes)

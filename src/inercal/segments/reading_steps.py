@@ -1,0 +1,102 @@
+"""The steps to which the channels of a recording are rounded, and their noise in the rests.
+
+A channel whose rests span many levels needs no correction and is not looked at further. Else the
+step is that of the whole channel, movement included. A channel that stays at one value in rests,
+beside which a range is never read, has a dead band there: the true value may be anywhere in it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.recording.rounding import NOISY, ReadingSteps
+from inercal.sensors import Sensor
+from inercal.uncertainty.rounding import Ladder, noise_lower_bound, rounding_ladder
+
+_LOOKED_AT = 400  # samples of a rest, to count its levels
+_FEW = 12  # levels in them, beyond which the noise is above a step
+_MOSTLY = 0.5  # share of the samples in rests at one value: it may be a dead band
+_WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
+_BESIDE = 6  # gaps that say how wide the others are
+
+
+def reading_steps(
+    data: Array, columns: Sequence[int], sensor: Sensor, rests: Sequence[tuple[int, int]]
+) -> ReadingSteps:
+    """Return how the channels are rounded.
+
+    Parameters
+    ----------
+    data : (..., n, k) array
+        Data of the recording, output units; of several trials the first is looked at.
+    columns : sequence of m int
+        Columns of the sensor's axes.
+    sensor : Sensor
+    rests : sequence of (int, int)
+        Half-open ranges of samples at rest.
+    """
+    one: Array = data.reshape(-1, *data.shape[-2:])[0]
+    scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
+    m = len(columns)
+    step, noise, text = np.zeros(m), np.full(m, NOISY), np.zeros(m)
+    dead = np.zeros(m, dtype=np.bool_)
+    unknown: list[int] = []
+    for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
+        stated = axis.noise.quantisation * float(scale[k])
+        own = [one[start:stop, column] for start, stop in rests]
+        if not own or not (stated or _has_few_levels(own)):
+            continue
+        levels = np.unique(one[:, column])
+        ladder = rounding_ladder(levels)
+        if ladder is None or ladder.step < stated:
+            ladder = _stated_ladder(levels, own, stated)
+        if (band := _dead_band(levels, own)) > (0.0 if ladder is None else ladder.step):
+            step[k], noise[k], dead[k] = band, 0.0, True
+        elif ladder is None:
+            unknown.append(k)
+        else:
+            noise[k] = min(noise_lower_bound([ladder.places(y) for y in own]), NOISY)
+            step[k], text[k] = ladder.step, ladder.off
+    step, text = step / scale, text / scale
+    for k in unknown:  # a channel of one value: its step is that of the others
+        kind = sensor.axes[k].measures
+        like = [float(step[j]) for j in range(m) if sensor.axes[j].measures == kind]
+        step[k], noise[k] = min([one for one in like if one], default=0.0), 0.0
+    return ReadingSteps(np.where((noise < NOISY) | (text > 0), step, 0.0), noise, dead, text)
+
+
+def _stated_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladder | None:
+    """Return the levels by the stated step, or else by the smallest gap of a channel in steps."""
+    if stated:
+        return Ladder(stated, 0.0, 0.0)
+    if levels.size < 2 or not _has_few_levels(rests):
+        return None
+    return Ladder(float(np.diff(levels).min()), float(levels[0]), 0.0)
+
+
+def _has_few_levels(rests: Sequence[Array]) -> bool:
+    """Return whether most rests span few levels, or one value is read most of the time."""
+    few = 0
+    for y in rests:
+        some = y[:: max(1, y.size // _LOOKED_AT)]
+        values, counts = np.unique(some, return_counts=True)
+        few += values.size <= _FEW or 2 * int(counts.max()) > some.size
+    return 2 * few >= len(rests)
+
+
+def _dead_band(levels: Array, rests: Sequence[Array]) -> float:
+    """Return the width of the range about the usual value at rest that is never read; 0 if none.
+
+    The true value may be as far away as the nearest reading on either side.
+    """
+    values, counts = np.unique(np.concatenate(rests), return_counts=True)
+    if counts.max() < _MOSTLY * counts.sum():
+        return 0.0
+    place = int(np.searchsorted(levels, values[counts.argmax()]))
+    gaps = np.diff(levels)
+    widest = 0.0
+    for beside in (gaps[:place][::-1], gaps[place:]):
+        if beside.size > _BESIDE and beside[0] > _WIDE * np.median(beside[1 : 1 + _BESIDE]):
+            widest = max(widest, float(beside[0]))
+    return 2 * widest
