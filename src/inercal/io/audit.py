@@ -279,7 +279,8 @@ def channel_findings(
         return [dead]
     why = ""
     if limits is None:
-        railed, cut = repeated_values.rail_ranges(x), repeated_values.clipping_values(x)
+        railed = repeated_values.railed_ranges(x, np.delete(recording.data, k, axis=1))
+        cut = repeated_values.clipping_values(x)
         if cut:
             railed = repeated_values.ranges_with_values(x, railed, cut)
             values = " and ".join(f"{value:.6g}" for value in cut)

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.sensors import Sensor
 from inercal.units import format_quantity
+from inercal.units.expression import read_unit
 from inercal.uncertainty.rounding import mean_rounding_variance
 
 NOISY = 0.6  # steps of noise; beyond, rounding leaves no error in a mean
-_KINDS = {"f": ("accelerometer", "g"), "w": ("gyro", "°/s")}
+_KINDS = {"f": ("accelerometer", "g", "µg"), "w": ("gyro", "°/s", "°/h")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,26 +157,28 @@ def rounding_notes(sensor: Sensor, steps: ReadingSteps, covariance: Array) -> tu
     variance = steps.variance
     noise = np.median(np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, variance.size), axis=0)
     notes: list[str] = []
-    for kind, (word, unit) in _KINDS.items():
+    for kind, (word, unit, of_error) in _KINDS.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         own = [k for k in own if variance[k] > noise[k]]
-        if not own:
-            continue
-        k = max(own, key=lambda k: float(variance[k]))
-        names = ", ".join(sensor.axes[j].name for j in own)
-        size = format_quantity(float(steps.step[k]), 0.0, unit)
-        error = 2 * float(variance[k]) ** 0.5
-        if steps.dead_band[k]:
-            what = f"{word} readings stay at one value within a band of {size} ({names})"
-        else:
-            # The bound's grid is coarser than a digit.
-            limit = f"below {steps.noise[k] + 0.1:.1g} of a step"
-            what = f"{word} readings step by {size} and their noise may be {limit} ({names})"
-        known = f"± {error * 206264.806:.2g} °/h" if kind == "w" else f"± {error / 9.80665e-6:.2g} µg"
-        effect = (
-            f"rests show the bias only to {known}, however many rests there are"
-            if kind == "w"
-            else f"rounding leaves an error of {known} in the mean of each position"
-        )
-        notes.append(f"{what}: {effect}; it is included in U")
+        for dead in (False, True):
+            some = [k for k in own if steps.dead_band[k] == dead]
+            if not some:
+                continue
+            sizes = ", ".join({format_quantity(float(steps.step[k]), 0.0, unit): 0 for k in some})
+            names = ", ".join(sensor.axes[k].name for k in some)
+            errors = ", ".join(
+                f"{sensor.axes[k].name} ± {2 * float(variance[k]) ** 0.5 / read_unit(of_error).size:.2g}"
+                for k in some
+            )
+            what = (
+                f"{word}s read one value within a band of {sizes} ({names})"
+                if dead
+                else f"{word} readings step by {sizes}, by more than their noise ({names})"
+            )
+            effect = (
+                "rests alone show the bias only to this (k = 2), however many there are"
+                if kind == "w"
+                else "each mean has this error (k = 2) by rounding"
+            )
+            notes.append(f"{what}; {effect}, and U includes it: {errors} {of_error}")
     return tuple(notes)

@@ -16,6 +16,7 @@ from inercal.uncertainty.rounding import Ladder, noise_lower_bound, rounding_lad
 
 _LOOKED_AT = 400  # samples of a rest, to count its levels
 _FEW = 12  # levels in them, beyond which the noise is above a step
+_COARSER = 0.7  # of the step at rest: a smaller one of the whole channel is that of its text
 _MOSTLY = 0.5  # share of the samples in rests at one value: it may be a dead band
 _WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
 _BESIDE = 6  # gaps that say how wide the others are
@@ -49,8 +50,9 @@ def reading_steps(
             continue
         levels = np.unique(one[:, column])
         ladder = rounding_ladder(levels)
-        if ladder is None or ladder.step < stated:
-            ladder = _stated_ladder(levels, own, stated)
+        least = max(stated, _COARSER * _step_at_rest(own))
+        if ladder is None or ladder.step < least:
+            ladder = _coarse_ladder(levels, own, stated)
         if (band := _dead_band(levels, own)) > (0.0 if ladder is None else ladder.step):
             step[k], noise[k], dead[k] = band, 0.0, True
         elif ladder is None:
@@ -66,13 +68,22 @@ def reading_steps(
     return ReadingSteps(np.where((noise < NOISY) | (text > 0), step, 0.0), noise, dead, text)
 
 
-def _stated_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladder | None:
-    """Return the levels by the stated step, or else by the smallest gap of a channel in steps."""
-    if stated:
-        return Ladder(stated, 0.0, 0.0)
-    if levels.size < 2 or not _has_few_levels(rests):
-        return None
-    return Ladder(float(np.diff(levels).min()), float(levels[0]), 0.0)
+def _coarse_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladder | None:
+    """Return the levels by the stated step or that at rest, or else by the smallest gap."""
+    step = max(stated, _step_at_rest(rests))
+    if not step and levels.size > 1 and _has_few_levels(rests):
+        step = float(np.diff(levels).min())
+    return Ladder(step, float(rests[0][0]), 0.0) if step else None
+
+
+def _step_at_rest(rests: Sequence[Array]) -> float:
+    """Return the smallest gap of two levels that one rest reads; 0 where each reads one value.
+
+    Noise reaches neighbouring levels: nothing between two levels means no level.
+    """
+    gaps = [float(np.diff(np.unique(y)).min(initial=np.inf)) for y in rests]
+    least = min(gaps, default=np.inf)
+    return least if np.isfinite(least) else 0.0
 
 
 def _has_few_levels(rests: Sequence[Array]) -> bool:
