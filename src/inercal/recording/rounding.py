@@ -7,7 +7,7 @@ differ by d share their place between two steps if d is small against the step q
 
 which is a covariance for any means. Where a row has near ones, it has an independent error of up to
 the same size besides: true values that differ by part of a step, by the earth's rate, drift or
-sensitivity to acceleration, are read alike. A row in motion crosses many steps, and its errors
+sensitivity to acceleration, are read alike. A channel in motion crosses many steps, and its errors
 average out: β²/n for n samples.
 """
 
@@ -23,6 +23,7 @@ from inercal.units import format_quantity
 from inercal.units.expression import read_unit
 from inercal.uncertainty.rounding import mean_rounding_variance
 
+_CROSSED = 1.0  # steps: a scatter that averages rounding out
 NOISY = 0.6  # steps of noise; beyond, rounding leaves no error in a mean
 _KINDS = {"f": ("accelerometer", "g", "µg"), "w": ("gyro", "°/s", "°/h")}
 
@@ -60,7 +61,7 @@ class ReadingSteps:
         return self.step**2 * np.array(shares) + self.text**2
 
     def errors_of_means(
-        self, mean: Array, samples: Array | None = None, moving: Sequence[int] = ()
+        self, mean: Array, samples: Array | None = None, scatter: Array | None = None
     ) -> "RoundingErrors | None":
         """Return the errors of the means of r rows; None where rounding leaves none.
 
@@ -69,26 +70,46 @@ class ReadingSteps:
         mean : (..., r, m) array
             SI; of several trials the first shows which rows are near one another.
         samples : (r,) array, optional
-            Numbers of samples; needed where rows move.
-        moving : sequence of int
-            Rows that move.
+            Numbers of samples; needed with `scatter`.
+        scatter : (r, m) array, optional
+            Standard deviations of the samples of each row, SI. Without it all rows are at rest.
         """
         variance = self.variance
         if not variance.any():
             return None
         one: Array = mean.reshape(-1, *mean.shape[-2:])[0]
         between = np.zeros((len(one), len(one), variance.size))
-        still = np.ones(len(one), dtype=np.bool_)
-        still[list(moving)] = False
-        both = still[:, None] & still & ~np.eye(len(one), dtype=np.bool_)
+        moving = np.zeros(one.shape, dtype=np.bool_)
+        if scatter is not None:
+            moving = self.moving(scatter)
         for k in np.flatnonzero(variance).tolist():
             apart = (one[:, None, k] - one[:, k]) / self.step[k]
-            near: Array = np.where(both, np.exp(-0.5 * apart**2), 0.0)
+            near: Array = np.exp(-0.5 * apart**2) * (1 - np.eye(len(one)))
+            near[moving[:, k]] = near[:, moving[:, k]] = 0.0
             own = 1 + near.max(axis=1, initial=0.0)
             if samples is not None:
-                own = np.where(still, own, 1 / samples)
+                own = np.where(moving[:, k], 1 / samples, own)
             between[..., k] = variance[k] * (near + np.diag(own))
         return RoundingErrors(between, self)
+
+    def moving(self, scatter: Array) -> NDArray[np.bool_]:
+        """Return which readings cross many steps, by their standard deviations (..., m), SI.
+
+        A gyro across the axis of a turn does not: it reads as at rest.
+        """
+        return np.asarray(scatter > _CROSSED * self.step, dtype=np.bool_)
+
+    def as_at_rest(self, off: Array, first: int) -> NDArray[np.bool_]:
+        """Return which readings may have the error of the rests.
+
+        Parameters
+        ----------
+        off : (n, k) array
+            Readings of the channels from `first` on, minus those at rest, SI.
+        first : int
+        """
+        near = np.where(self.dead_band, 0.5, _CROSSED) * self.step
+        return np.asarray(np.abs(off) < near[first:], dtype=np.bool_)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,12 @@ _BESIDE = 6  # gaps that say how wide the others are
 
 
 def reading_steps(
-    data: Array, columns: Sequence[int], sensor: Sensor, rests: Sequence[tuple[int, int]]
+    data: Array,
+    columns: Sequence[int],
+    sensor: Sensor,
+    rests: Sequence[tuple[int, int]],
+    *,
+    si: bool = False,
 ) -> ReadingSteps:
     """Return how the channels are rounded.
 
@@ -36,9 +41,11 @@ def reading_steps(
     sensor : Sensor
     rests : sequence of (int, int)
         Half-open ranges of samples at rest.
+    si : bool
+        Whether the data are in SI already.
     """
     one: Array = data.reshape(-1, *data.shape[-2:])[0]
-    scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
+    scale = np.array([1.0 if si else abs(axis.readout.scale) for axis in sensor.axes])
     m = len(columns)
     step, noise, text = np.zeros(m), np.full(m, NOISY), np.zeros(m)
     dead = np.zeros(m, dtype=np.bool_)

@@ -169,9 +169,11 @@ def observe(
     if noise is not None:
         covariance[at_rest] += noise.disturbance_variance[:, :, None] * np.eye(len(columns))
     mean = np.stack([section(step).mean(axis=-2) for step in used], axis=-2)
-    rounding = steps_of_readings.errors_of_means(
-        mean, samples, [used.index(step) for step in used if step.label in moving]
-    )
+    rounding = None
+    if coarse.any():
+        trial = recording.data.reshape(-1, *recording.data.shape[-2:])[0]
+        scatter = np.stack([section(step, trial).std(axis=-2) for step in used])
+        rounding = steps_of_readings.errors_of_means(mean, samples, scatter)
     if rounding is not None:
         notes = (*notes, *rounding_notes(sensor, steps_of_readings, covariance))
         covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))

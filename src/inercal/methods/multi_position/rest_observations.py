@@ -269,8 +269,9 @@ class Rests:
         of_turns[..., p + 4] = turns.to_timebase
         rates, of_rates = self._rates(x, at, motion_derivatives, to_level)
         shared = slice(p + 5, p + 8)
-        arriving, leaving = self.ramp_sensitivities(turns)
-        of_turns[..., shared] = arriving + leaving
+        ramps = sum(self.ramp_sensitivities(turns))
+        between = -turns.to_end_turn @ turns.way.to_bias - ramps
+        of_turns[..., shared] = ramps + between * self._still_shares[:, None]
         of_rates[:, shared] = np.tile(np.eye(3), (r, 1))
         of_rounding = of_turns[..., shared] @ x[shared]
         return ResidualRows(
@@ -337,6 +338,24 @@ class Rests:
         jacobian[..., :p] = (design + slope[..., :3] @ motion_derivatives)[:, self.m :]
         jacobian[..., earth] = (slope[..., 3:] @ to_level)[:, self.m :]
         return (self.observations.mean - reading)[:, self.m :], jacobian.reshape(-1, x.size)
+
+    @cached_property
+    def _still_shares(self) -> Array:
+        """Share of the time in which a gyro reads as at rest during a transition, (k, 3).
+
+        As across the axis of a turn.
+        """
+        assert self.transitions is not None
+        way, found = self.transitions, self.observations.rounding
+        shares = np.zeros((len(way.rest), 3))
+        if found is None:
+            return shares
+        scale = np.array([abs(axis.readout.scale) for axis in self.sensor.axes])[self.m :]
+        at_rest = self.sensor.to_output(self.observations.mean)[:, self.m :]
+        for k, (rest, start, stop) in enumerate(zip(way.rest, way.left, way.reached, strict=True)):
+            off = way.output[start : stop + 1, self.m :] - at_rest[rest]
+            shares[k] = found.steps.as_at_rest(off / scale, self.m).mean(axis=0)
+        return shares
 
     def ramp_sensitivities(self, turns: RotationResiduals) -> tuple[Array, Array]:
         """Return the derivatives of the rotations by a gyro offset on the ramps, (k, 2, 3) each."""
