@@ -97,12 +97,21 @@ class _Suspect(_Strict):
     not_told_from: list[_Text]
 
 
+class _RoundedChannel(_Strict):
+    channel: _Text
+    step: _Positive
+    noise: _Number
+    dead_band: bool
+    std: _Positive
+
+
 class _Verdict(_Strict):
     grade: _Text
     word: _Text = ""
     reasons: list[_Text]
     tests: list[_Test]
     suspect: _Suspect | None
+    rounding: list[_RoundedChannel] | None = None
 
 
 class _SharedError(_Strict):

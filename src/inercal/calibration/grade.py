@@ -38,7 +38,7 @@ from inercal.estimate.scores import (
     ScoreTestSet,
     chi2_tail_probability,
 )
-from inercal.recording import Finding
+from inercal.recording import Finding, RoundedChannel
 from inercal.uncertainty.coverage import COVERAGE
 
 Grade = Literal["consistent", "reservations", "unreliable"]
@@ -166,6 +166,8 @@ class Verdict:
         The complete verdict in words; the first line is the summary.
     tests : tuple of HypothesisTest
     suspect : SuspectedCause or None
+    rounding : tuple of RoundedChannel
+        Channels whose steps limit what rests show.
     """
 
     grade: Grade
@@ -173,6 +175,7 @@ class Verdict:
     lines: tuple[str, ...] = ()
     tests: tuple[HypothesisTest, ...] = ()
     suspect: SuspectedCause | None = None
+    rounding: tuple[RoundedChannel, ...] = ()
 
     @property
     def word(self) -> str:

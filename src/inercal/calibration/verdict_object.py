@@ -6,6 +6,7 @@ import numpy as np
 
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, SuspectedCause, Verdict
 from inercal.errors import InputError
+from inercal.recording import RoundedChannel
 
 
 def as_object(verdict: Verdict) -> dict[str, Any]:
@@ -41,7 +42,13 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
             for test in verdict.tests
         ],
         "suspect": suspect,
-    }
+    } | _rounding_object(verdict)
+
+
+def _rounding_object(verdict: Verdict) -> dict[str, Any]:
+    """Return the rounded channels; nothing where there are none."""
+    channels = [one._asdict() for one in verdict.rounding]
+    return {"rounding": channels} if channels else {}
 
 
 def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
@@ -72,7 +79,8 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
         )
         for t in content["tests"]
     )
-    return Verdict(grade, tuple(content["reasons"]), lines, tests, suspect)
+    rounding = tuple(RoundedChannel(**channel) for channel in content.get("rounding") or ())
+    return Verdict(grade, tuple(content["reasons"]), lines, tests, suspect, rounding)
 
 
 def _number(value: float) -> float | None:

@@ -8,6 +8,7 @@ user states a value for all rows, or columns hold that of each row, `ax_sd` for 
 import csv
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from inercal.errors import InputError
 from inercal.io.atomic_files import atomic_write
 from inercal.io.column_table import TOO_LARGE, Array, Table, shorten
 from inercal.io.read import Columns, read_table
-from inercal.recording import Observations, ReadingSteps, rounding_notes
+from inercal.recording import Observations, ReadingSteps, rounded_channels, rounding_notes
 from inercal.recording.rounding import NOISY
 from inercal.sensors import Axis, Sensor
 from inercal.uncertainty.rounding import last_digit
@@ -157,8 +158,10 @@ def observations_from_table(
         temperature = to_si(cells, columns.temperature_unit, like="K")
     mean, covariance = sensor.to_si(output), deviation[..., None] ** 2 * np.eye(len(sensor.axes))
     digits = _rounding_of_digits(output, deviation, sensor)
-    rounding, notes = digits.errors_of_means(mean), rounding_notes(sensor, digits, covariance)
+    rounding, notes = digits.errors_of_means(mean), tuple[str, ...]()
     if rounding is not None:
+        rounding = replace(rounding, channels=rounded_channels(sensor, digits, covariance))
+        notes = rounding_notes(sensor, rounding.channels)
         rounding = rounding.with_independent(digits.step**2 / 12 - digits.variance)
         covariance = covariance + rounding.own[:, :, None] * np.eye(len(sensor.axes))
     return Observations(

@@ -296,6 +296,8 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
     row_word = "rest" if run.method.unknown_attitudes else run.kind.words.row
     possible = run.method.possible(sensor)
     judged = verdict(estimate, sensor, findings, expected, possible, row_word)
+    if observations.rounding is not None:
+        judged = replace(judged, rounding=observations.rounding.channels)
     value, covariance = estimate.value[:p], estimate.stated_covariance[:p, :p]
     calibration = Calibration(
         sensor,

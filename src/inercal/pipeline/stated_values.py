@@ -32,6 +32,7 @@ from inercal.sensors import Sensor
 from inercal.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 
 _LARGE_RATIO = 2.0  # of noise; 20 batches determine white noise within 20 %
+_SEEN = 0.5  # steps: smaller noise is hidden by the rounding of the readings
 _NOISE_UNITS = {"f": ("accelerometer", "m/s²", "µg/√Hz"), "w": ("gyro", "rad/s", "°/√h")}
 _CONSTANT_UNITS = {  # of messages, by key of [bench]
     "gravity": "m/s²",
@@ -59,11 +60,15 @@ def check_stated_noise(
         Whether the sensor is held by hand.
     """
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
+    rounding, hidden = observations.rounding, np.zeros(len(sensor.axes), dtype=np.bool_)
+    if rounding is not None:
+        variance = np.maximum(variance - rounding.own, 0.0)
+        hidden = (rounding.steps.step > 0) & (rounding.steps.noise < _SEEN)
     resting = np.array([not by_hand and _is_at_rest(step) for step in steps])
     duration = observations.duration[:, None]
     findings: list[Finding] = []
     for kind, (section, like, unit) in _NOISE_UNITS.items():
-        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind and not hidden[k]]
         noises = [sensor.axes[k].noise for k in own]
         if not any(noise.white for noise in noises):
             continue

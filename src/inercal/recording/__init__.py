@@ -6,7 +6,13 @@ trials, `(..., n, m)`; trials share times and labels.
 
 from inercal.recording.findings import Finding, Severity
 from inercal.recording.observations import Observations, join_observations
-from inercal.recording.rounding import ReadingSteps, RoundingErrors, rounding_notes
+from inercal.recording.rounding import (
+    ReadingSteps,
+    RoundedChannel,
+    RoundingErrors,
+    rounded_channels,
+    rounding_notes,
+)
 from inercal.recording.samples import (
     GAP_FACTOR,
     Indices,
@@ -35,6 +41,7 @@ __all__ = [
     "Observations",
     "ReadingSteps",
     "Recording",
+    "RoundedChannel",
     "RoundingErrors",
     "Severity",
     "Track",
@@ -43,6 +50,7 @@ __all__ = [
     "join_observations",
     "join_tracks",
     "line_of_row",
+    "rounded_channels",
     "rounding_notes",
     "temperature_rate",
 ]

@@ -12,16 +12,17 @@ average out: β²/n for n samples.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.sensors import Sensor
+from inercal.uncertainty.rounding import mean_rounding_variance
 from inercal.units import format_quantity
 from inercal.units.expression import read_unit
-from inercal.uncertainty.rounding import mean_rounding_variance
 
 _CROSSED = 1.0  # steps: a scatter that averages rounding out
 NOISY = 0.6  # steps of noise; beyond, rounding leaves no error in a mean
@@ -112,6 +113,28 @@ class ReadingSteps:
         return np.asarray(np.abs(off) < near[first:], dtype=np.bool_)
 
 
+class RoundedChannel(NamedTuple):
+    """A channel whose steps leave more error than noise in the means of its rests.
+
+    Parameters
+    ----------
+    channel : str
+    step : float
+        SI; of a dead band its width.
+    noise : float
+        Standard deviation of the noise over the step, by its lower bound.
+    dead_band : bool
+    std : float
+        Standard deviation of the error that the rests have in common, SI.
+    """
+
+    channel: str
+    step: float
+    noise: float
+    dead_band: bool
+    std: float
+
+
 @dataclass(frozen=True, eq=False)
 class RoundingErrors:
     """Errors by rounding of the means of r rows of m channels.
@@ -121,10 +144,13 @@ class RoundingErrors:
     covariance : (r, r, m) array
         Between the rows, of each channel, SI. The diagonal is part of the means' own covariance.
     steps : ReadingSteps
+    channels : tuple of RoundedChannel
+        Those that matter beside the noise of the means.
     """
 
     covariance: Array
     steps: ReadingSteps
+    channels: tuple[RoundedChannel, ...] = ()
 
     @property
     def own(self) -> Array:
@@ -139,11 +165,40 @@ class RoundingErrors:
     def with_independent(self, variance: Array) -> "RoundingErrors":
         """Return the errors with more that each mean has by itself, variances (m,)."""
         added = np.eye(len(self.covariance))[..., None] * variance
-        return RoundingErrors(self.covariance + added, self.steps)
+        return replace(self, covariance=self.covariance + added)
 
     def rows(self, at: Sequence[int]) -> "RoundingErrors":
         """Return the errors of some rows."""
-        return RoundingErrors(self.covariance[np.ix_(at, at)], self.steps)
+        return replace(self, covariance=self.covariance[np.ix_(at, at)])
+
+
+def rounded_channels(
+    sensor: Sensor, steps: ReadingSteps, covariance: Array
+) -> tuple[RoundedChannel, ...]:
+    """Return the channels whose steps leave more error than noise in a mean.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    steps : ReadingSteps
+    covariance : (r, m, m) array
+        Of the means, without rounding.
+    """
+    variance = steps.variance
+    noise = np.median(
+        np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, variance.size), axis=0
+    )
+    return tuple(
+        RoundedChannel(
+            axis.name,
+            float(steps.step[k]),
+            float(steps.noise[k]),
+            bool(steps.dead_band[k]),
+            float(variance[k]) ** 0.5,
+        )
+        for k, axis in enumerate(sensor.axes)
+        if variance[k] > noise[k]
+    )
 
 
 def join_rounding_errors(
@@ -156,41 +211,29 @@ def join_rounding_errors(
             return None
         m = known.covariance.shape[-1]
         nothing = [np.zeros((n, n, m)) for n in (r, s)]
-        one, other = one or RoundingErrors(nothing[0], known.steps), other or RoundingErrors(
-            nothing[1], known.steps
+        one, other = (
+            one or RoundingErrors(nothing[0], known.steps),
+            other or RoundingErrors(nothing[1], known.steps),
         )
     joined = np.zeros((r + s, r + s, one.covariance.shape[-1]))
     joined[:r, :r], joined[r:, r:] = one.covariance, other.covariance
     coarser = one if one.steps.variance.sum() >= other.steps.variance.sum() else other
-    return RoundingErrors(joined, coarser.steps)
+    return RoundingErrors(joined, coarser.steps, coarser.channels)
 
 
-def rounding_notes(sensor: Sensor, steps: ReadingSteps, covariance: Array) -> tuple[str, ...]:
-    """Return a line on each kind of channels whose steps leave more error than noise in a mean.
-
-    Parameters
-    ----------
-    sensor : Sensor
-    steps : ReadingSteps
-    covariance : (r, m, m) array
-        Of the means, without rounding.
-    """
-    variance = steps.variance
-    noise = np.median(np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, variance.size), axis=0)
+def rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple[str, ...]:
+    """Return a line on each kind of channels that are rounded, and on dead bands."""
+    kinds = {axis.name: axis.measures for axis in sensor.axes}
     notes: list[str] = []
     for kind, (word, unit, of_error) in _KINDS.items():
-        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
-        own = [k for k in own if variance[k] > noise[k]]
         for dead in (False, True):
-            some = [k for k in own if steps.dead_band[k] == dead]
+            some = [c for c in channels if kinds[c.channel] == kind and c.dead_band == dead]
             if not some:
                 continue
-            sizes = ", ".join({format_quantity(float(steps.step[k]), 0.0, unit): 0 for k in some})
-            names = ", ".join(sensor.axes[k].name for k in some)
-            errors = ", ".join(
-                f"{sensor.axes[k].name} ± {2 * float(variance[k]) ** 0.5 / read_unit(of_error).size:.2g}"
-                for k in some
-            )
+            sizes = ", ".join(dict.fromkeys(format_quantity(c.step, 0.0, unit) for c in some))
+            names = ", ".join(c.channel for c in some)
+            size = read_unit(of_error).size
+            errors = ", ".join(f"{c.channel} ± {2 * c.std / size:.2g}" for c in some)
             what = (
                 f"{word}s read one value within a band of {sizes} ({names})"
                 if dead

@@ -16,7 +16,7 @@ samples. The first harmonic of the readings themselves corrects the azimuth of t
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import pi
 
@@ -27,7 +27,14 @@ from numpy.typing import NDArray
 from inercal.arrays import Array, true_ranges
 from inercal.errors import InputError
 from inercal.plan import Attitude, Spin, arm_attitude
-from inercal.recording import Finding, Mark, Observations, Recording, rounding_notes
+from inercal.recording import (
+    Finding,
+    Mark,
+    Observations,
+    Recording,
+    rounded_channels,
+    rounding_notes,
+)
 from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.segments.drift import drift_covariance
 from inercal.segments.reading_steps import reading_steps
@@ -214,8 +221,10 @@ def average_dwells(
     )
     mean, covariance = np.concatenate(means), np.repeat(covariance, k, axis=0)
     rounding = coarse.errors_of_means(mean)
-    notes = rounding_notes(sensor, coarse, covariance)
+    notes: tuple[str, ...] = ()
     if rounding is not None:
+        rounding = replace(rounding, channels=rounded_channels(sensor, coarse, covariance))
+        notes = rounding_notes(sensor, rounding.channels)
         covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])
     starts = np.array([recording.time[d.mark.start] for d in dwells])

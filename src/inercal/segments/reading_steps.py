@@ -88,7 +88,7 @@ def _step_at_rest(rests: Sequence[Array]) -> float:
 
     Noise reaches neighbouring levels: nothing between two levels means no level.
     """
-    gaps = [float(np.diff(np.unique(y)).min(initial=np.inf)) for y in rests]
+    gaps = [float(np.min(np.diff(np.unique(y)), initial=np.inf)) for y in rests]
     least = min(gaps, default=np.inf)
     return least if np.isfinite(least) else 0.0
 

@@ -18,6 +18,7 @@ readings' noise.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,7 +26,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Rotation, Step, Turn
-from inercal.recording import Mark, Observations, Recording, rounding_notes
+from inercal.recording import Mark, Observations, Recording, rounded_channels, rounding_notes
 from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.segments.drift import drift_covariance
 from inercal.segments.hand_motion_noise import density_without_hand_motion, noise_degrees_of_freedom
@@ -175,7 +176,9 @@ def observe(
         scatter = np.stack([section(step, trial).std(axis=-2) for step in used])
         rounding = steps_of_readings.errors_of_means(mean, samples, scatter)
     if rounding is not None:
-        notes = (*notes, *rounding_notes(sensor, steps_of_readings, covariance))
+        channels = rounded_channels(sensor, steps_of_readings, covariance)
+        rounding = replace(rounding, channels=channels)
+        notes = (*notes, *rounding_notes(sensor, channels))
         covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))
     return Observations(
         labels=tuple(step.label for step in used),

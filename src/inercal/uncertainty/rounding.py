@@ -18,8 +18,8 @@ counts of each level, each rest with its own μ, is
 and the bound is the least s with 2Δ ln L ≤ 4, less one step of the grid. The scatter of the rests'
 means must not be used instead: where they share a place between two steps, it shows that place.
 
-Sources: Widrow and Kollár, Quantization Noise, Cambridge 2008, chapters 4 and 11 (the characteristic
-function of the error of a mean); GUM F.2.2.1 for q²/12.
+Sources: Widrow and Kollár, Quantization Noise, Cambridge 2008 (the characteristic function of
+rounded readings); GUM F.2.2.1 for q²/12.
 """
 
 # SciPy has no stubs.
@@ -50,11 +50,13 @@ _CLOSE = 12  # levels that are close together, of which places are counted from 
 
 def mean_rounding_variance(noise: float) -> float:
     """Return β²/q², the variance of the rounding error of a mean, by s = σ/q."""
-    return float(np.sum(np.exp(-((2 * np.pi * noise * _ORDERS) ** 2)) / _ORDERS**2) / (2 * np.pi**2))
+    return float(
+        np.sum(np.exp(-((2 * np.pi * noise * _ORDERS) ** 2)) / _ORDERS**2) / (2 * np.pi**2)
+    )
 
 
 def last_digit(values: Array) -> float:
-    """Return the unit of the last decimal place that (n,) values are written with; 0 beyond 1e-9."""
+    """Return the unit of the last decimal place of values, (...); 0 below 1e-9."""
     size = float(np.abs(values).max(initial=0.0))
     for digits in range(_MOST_DIGITS + 1):
         scaled = values * 10.0**digits
@@ -143,7 +145,7 @@ def _fitted_ladder(levels: Array, step: float, digit: float) -> Ladder | None:
     return Ladder(step, first, off) if off <= allowed else None
 
 
-def noise_lower_bound(sections: Sequence[Array]) -> float:
+def noise_lower_bound(sections: Sequence[NDArray[np.int64]]) -> float:
     """Return the lower bound of s = σ/q from readings within sections.
 
     Parameters
@@ -179,8 +181,9 @@ def _profile(counts: Array, grid: Array) -> Array:
         high = low + 1 / grid[:, None]
         flip = low > 0  # probabilities of the upper tail lose no digits
         low, high = np.where(flip, -high, low), np.where(flip, -low, high)
-        upper, lower = scipy.special.log_ndtr(high), scipy.special.log_ndtr(low)
-        log = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-300)))
+        upper: Array = scipy.special.log_ndtr(high)
+        lower: Array = scipy.special.log_ndtr(low)
+        log: Array = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-300)))
         return np.sum(np.where(counts[:, None] > 0, counts[:, None] * log, 0.0), axis=-1)
 
     shape = (len(counts), grid.size)
@@ -192,7 +195,7 @@ def _profile(counts: Array, grid: Array) -> Array:
     a, b = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
     at_a, at_b = value(a), value(b)
     for _ in range(_ROUNDS):
-        less = at_a < at_b
+        less: NDArray[np.bool_] = at_a < at_b
         left, right = np.where(less, a, left), np.where(less, right, b)
         a, b = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
         at_a, at_b = value(a), value(b)

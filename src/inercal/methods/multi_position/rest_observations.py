@@ -147,7 +147,9 @@ class Rests:
     def rounding(self) -> Array:
         """Variance of each mean reading by rounding, (r, q), a part of `noise`."""
         found = self.observations.rounding
-        return np.zeros(self.noise.shape[:2]) if found is None else found.own[:, : self.noise.shape[1]]
+        return (
+            np.zeros(self.noise.shape[:2]) if found is None else found.own[:, : self.noise.shape[1]]
+        )
 
     @cached_property
     def rounding_share(self) -> tuple[float, float, float]:

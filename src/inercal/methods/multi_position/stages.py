@@ -246,7 +246,9 @@ def _fit(
             start=x[free],
             linearise=linearise,
             noise=np.ones(len(whiten(started.residual)) + more.size),
-            scale=np.concatenate([rests.sensor.unit_scale, [G0], np.ones(len(KNOWN_QUANTITIES) - 1)])[free],
+            scale=np.concatenate(
+                [rests.sensor.unit_scale, [G0], np.ones(len(KNOWN_QUANTITIES) - 1)]
+            )[free],
             priors=tuple(known),
             wanted=tuple(name for name in chosen if name not in KNOWN_QUANTITIES),
             rounding=_RELATIVE_ERROR,

@@ -110,8 +110,8 @@ def segments_of_track(
     sensor : Sensor
         An IMU: three accelerometers, then three gyros.
     least_noise : float
-        Of the gyros, in steps of their readings. Below the default, what a gyro reads at the ends of
-        its turns is off by its rounding.
+        Of the gyros, in steps of their readings. Below the default, what a gyro reads at the ends
+        of its turns is off by its rounding.
 
     Raises
     ------
