@@ -160,7 +160,9 @@ def observations_from_table(
     digits = _rounding_of_digits(output, deviation, sensor)
     rounding, notes = digits.errors_of_means(mean), tuple[str, ...]()
     if rounding is not None:
-        rounding = replace(rounding, channels=rounded_channels(sensor, digits, covariance))
+        rounding = replace(
+            rounding, channels=rounded_channels(sensor, digits, covariance, digits.step**2 / 12)
+        )
         notes = rounding_notes(sensor, rounding.channels)
         rounding = rounding.with_independent(digits.step**2 / 12 - digits.variance)
         covariance = covariance + rounding.own[:, :, None] * np.eye(len(sensor.axes))

@@ -173,7 +173,7 @@ class RoundingErrors:
 
 
 def rounded_channels(
-    sensor: Sensor, steps: ReadingSteps, covariance: Array
+    sensor: Sensor, steps: ReadingSteps, covariance: Array, variance: Array
 ) -> tuple[RoundedChannel, ...]:
     """Return the channels whose steps leave more error than noise in a mean.
 
@@ -183,8 +183,9 @@ def rounded_channels(
     steps : ReadingSteps
     covariance : (r, m, m) array
         Of the means, without rounding.
+    variance : (m,) array
+        Of the error by rounding of a mean, SI.
     """
-    variance = steps.variance
     noise = np.median(
         np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, variance.size), axis=0
     )

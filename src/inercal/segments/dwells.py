@@ -223,7 +223,9 @@ def average_dwells(
     rounding = coarse.errors_of_means(mean)
     notes: tuple[str, ...] = ()
     if rounding is not None:
-        rounding = replace(rounding, channels=rounded_channels(sensor, coarse, covariance))
+        rounding = replace(
+            rounding, channels=rounded_channels(sensor, coarse, covariance, coarse.variance)
+        )
         notes = rounding_notes(sensor, rounding.channels)
         covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])

@@ -176,7 +176,7 @@ def observe(
         scatter = np.stack([section(step, trial).std(axis=-2) for step in used])
         rounding = steps_of_readings.errors_of_means(mean, samples, scatter)
     if rounding is not None:
-        channels = rounded_channels(sensor, steps_of_readings, covariance)
+        channels = rounded_channels(sensor, steps_of_readings, covariance, coarse)
         rounding = replace(rounding, channels=channels)
         notes = (*notes, *rounding_notes(sensor, channels))
         covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))

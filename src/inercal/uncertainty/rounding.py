@@ -174,15 +174,14 @@ def _profile(counts: Array, grid: Array) -> Array:
         Samples at each of k neighbouring levels, which begin at 0.
     grid : (g,) array
     """
-    level = np.arange(counts.shape[1])
+    level: Array = np.arange(counts.shape[1], dtype=np.float64)
 
     def value(mu: Array) -> Array:
-        low = (level - 0.5 - mu[..., None]) / grid[:, None]
-        high = low + 1 / grid[:, None]
+        low: Array = (level - 0.5 - mu[..., None]) / grid[:, None]
+        high: Array = low + 1 / grid[:, None]
         flip = low > 0  # probabilities of the upper tail lose no digits
-        low, high = np.where(flip, -high, low), np.where(flip, -low, high)
-        upper: Array = scipy.special.log_ndtr(high)
-        lower: Array = scipy.special.log_ndtr(low)
+        ends: Array = np.stack([np.where(flip, -low, high), np.where(flip, -high, low)])
+        upper, lower = np.asarray(scipy.special.log_ndtr(ends), dtype=np.float64)
         log: Array = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-300)))
         return np.sum(np.where(counts[:, None] > 0, counts[:, None] * log, 0.0), axis=-1)
 
