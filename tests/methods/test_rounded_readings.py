@@ -48,7 +48,7 @@ def dead_band(width: float) -> ReadOut:
 
 
 def device(rng: np.random.Generator, noise: float, bias: float | None = None) -> Imu:
-    """Return a sensor whose gyros have that noise of a sample, rad/s at 100 Hz, and largest bias."""
+    """Return a sensor by the noise of a sample of its gyros and their largest bias, rad/s."""
     made = replace(mems(rng), G=np.zeros((3, 3)), white_g=noise / 10)
     return made if bias is None else replace(made, b_g=rng.uniform(-bias, bias, 3))
 

@@ -261,9 +261,7 @@ def start_deviation(roles: ColumnRoles) -> float:
 def _railed_samples(x: Array, every: Sequence[Array]) -> int:
     """Return how many samples of a channel, (n,), are at the end of its range."""
     others = [one for one in every if not np.array_equal(one, x)]
-    if not others:
-        return 0
-    return int(np.diff(railed_ranges(x, np.stack(others, axis=1))).sum())
+    return int(np.diff(railed_ranges(x, others)).sum())
 
 
 def deviation_key(deviation: float, reason: str) -> DraftKey:

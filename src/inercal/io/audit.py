@@ -279,7 +279,8 @@ def channel_findings(
         return [dead]
     why = ""
     if limits is None:
-        railed = repeated_values.railed_ranges(x, np.delete(recording.data, k, axis=1))
+        others = [one for j, one in enumerate(recording.data.T) if j != k]
+        railed = repeated_values.railed_ranges(x, others)
         cut = repeated_values.clipping_values(x)
         if cut:
             railed = repeated_values.ranges_with_values(x, railed, cut)

@@ -23,6 +23,7 @@ from inercal.sensors import Axis, Sensor
 from inercal.uncertainty.rounding import last_digit
 from inercal.units import to_si
 
+_FEW_DIGITS = 3  # of the last place: means that differ by less may be equal
 _OF_NOISE = 0.01  # share of a mean's variance below which its last digit is not counted
 _ONE_DIGIT = 0.1  # of the largest mean: whole numbers such as 1 and 0 g are not what was read
 _ROWS = 4  # the means of fewer rows may agree to the last digit
@@ -205,12 +206,24 @@ def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> Read
 def _refuse_constant_column(
     path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str, str]
 ) -> None:
-    """Refuse a column that is the same in all rows while others of its kind change."""
+    """Refuse a column that is the same in all rows while others change, or a gyro that reads 0."""
     if len(output) < _ROWS:
         return
     constant = (output == output[0]).all(axis=0)
     for k, axis in enumerate(sensor.axes):
         like = [j for j, other in enumerate(sensor.axes) if other.measures == axis.measures]
+        if axis.measures == "w" and not output[:, k].any():
+            raise InputError(
+                f"{path}: column {by_axis[axis.name]!r} is 0 in all rows: the gyro has a dead band "
+                "about zero or its means are rounded to 0, and its bias may be anything within; "
+                "write the means with more digits, or leave the gyros out",
+                file=path,
+                names=(by_axis[axis.name],),
+            )
+        # Gyros at rest that are written to a coarse digit may agree in all rows.
+        few = _FEW_DIGITS * last_digit(output[:, like])
+        if axis.measures == "w" and float(np.ptp(output[:, like], axis=0).max()) <= few:
+            continue
         if constant[k] and not constant[like].all():
             raise InputError(
                 f"{path}: column {by_axis[axis.name]!r} is {output[0, k]:.6g} in all rows while "

@@ -6,6 +6,7 @@ repeats values too: where its steps exceed its noise, long runs are normal. Nois
 the range is cut off there and makes no long runs: it piles up in the histogram.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -95,10 +96,10 @@ def _has_flat_top(x: Array, runs: _Runs, extreme: float) -> bool:
     return bool((least >= _STEEP * _smallest_step(x)).any())
 
 
-def railed_ranges(x: Array, others: Array) -> Indices:
+def railed_ranges(x: Array, others: Sequence[Array]) -> Indices:
     """Return half-open ranges, (k, 2), where a channel (n,) sits at the end of its range.
 
-    `others`, (n, k), are the channels that show when the sensor is at rest.
+    `others`, (n,) each, are the channels that show when the sensor is at rest.
     """
     railed = rail_ranges(x)
     if not len(railed):
@@ -108,7 +109,7 @@ def railed_ranges(x: Array, others: Array) -> Indices:
     return railed[~np.isin(at, resting)]
 
 
-def is_resting_value(x: Array, value: float, others: Array) -> bool:
+def is_resting_value(x: Array, value: float, others: Sequence[Array]) -> bool:
     """Return whether a channel reads a value because it is at rest, not at the end of its range.
 
     A coarse gyro that turns in one sense only, or not at all, reads its extreme in every rest. Rest
@@ -119,18 +120,18 @@ def is_resting_value(x: Array, value: float, others: Array) -> bool:
     ----------
     x : (n,) array
     value : float
-    others : (n, k) array
+    others : sequence of (n,) arrays
         The other channels.
     """
     whole = x.size // _WINDOW * _WINDOW
-    if not whole or not others.shape[1]:
+    if not whole or not others:
         return False
     still = np.ones(whole // _WINDOW, np.bool_)
-    for k in range(others.shape[1]):
-        scatter = others[:whole, k].reshape(-1, _WINDOW).std(axis=1)
+    for other in others:
+        scatter = other[:whole].reshape(-1, _WINDOW).std(axis=1)
         quiet, moving = np.quantile(scatter, [_QUIETEST, 1 - _QUIETEST])
         if moving > _MOVES * quiet:
-            floor = _smallest_step(others[:, k])
+            floor = _smallest_step(other)
             still &= scatter <= max(float(np.sqrt(quiet * moving)), floor)
     windows = x[:whole].reshape(-1, _WINDOW)
     few = _FEW_STEPS * _smallest_step(x)

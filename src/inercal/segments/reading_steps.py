@@ -16,6 +16,8 @@ from inercal.uncertainty.rounding import Ladder, noise_lower_bound, rounding_lad
 
 _LOOKED_AT = 400  # samples of a rest, to count its levels
 _FEW = 12  # levels in them, beyond which the noise is above a step
+_LARGE = 0.9  # steps of noise, of which rounding leaves a millionth
+_EVEN = 1e-3  # of a step
 _COARSER = 0.7  # of the step at rest: a smaller one of the whole channel is that of its text
 _MOSTLY = 0.5  # share of the samples in rests at one value: it may be a dead band
 _WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
@@ -53,7 +55,7 @@ def reading_steps(
     for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
         stated = axis.noise.quantisation * float(scale[k])
         own = [one[start:stop, column] for start, stop in rests]
-        if not own or not (stated or _has_few_levels(own)):
+        if not own or not (stated or (_has_few_levels(own) and not _averages_out(own))):
             continue
         levels = np.unique(one[:, column])
         ladder = rounding_ladder(levels)
@@ -103,6 +105,16 @@ def _has_few_levels(rests: Sequence[Array]) -> bool:
     return 2 * few >= len(rests)
 
 
+def _averages_out(rests: Sequence[Array]) -> bool:
+    """Return whether the noise is as large as the steps, which are even: nothing is to be done."""
+    step = _step_at_rest(rests)
+    scatter = float(np.median([y.std() for y in rests]))
+    if not step or scatter < _LARGE * step:
+        return False
+    gaps = np.diff(np.unique(np.concatenate(rests))) / step
+    return float(np.abs(gaps - np.rint(gaps)).max()) < _EVEN
+
+
 def _dead_band(levels: Array, rests: Sequence[Array]) -> float:
     """Return the width of the range about the usual value at rest that is never read; 0 if none.
 
@@ -111,7 +123,7 @@ def _dead_band(levels: Array, rests: Sequence[Array]) -> float:
     values, counts = np.unique(np.concatenate(rests), return_counts=True)
     if counts.max() < _MOSTLY * counts.sum():
         return 0.0
-    place = int(np.searchsorted(levels, values[counts.argmax()]))
+    place = int(np.searchsorted(levels, float(values[int(np.argmax(counts))])))
     gaps = np.diff(levels)
     widest = 0.0
     for beside in (gaps[:place][::-1], gaps[place:]):
