@@ -22,6 +22,7 @@ _STUCK = 50  # samples; fewer are an ordinary repetition
 _STEEP = 5  # steps by which the samples beside a flat top differ from it
 _MOVES = 5.0  # times: a channel's scatter in motion over that at rest
 _FEW_STEPS, _HARDLY = 3.0, 0.02  # of the channel's step and range, within which it is at rest
+_OFTEN = 0.2  # share of the time in which the other channels are still
 _LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its extreme repeats
 # A channel is coarse where it spans at most _SPAN steps over _WINDOW samples, in the _QUIETEST
 # share of windows, or where the share _GENTLE of long runs ends by a change of two steps at most.
@@ -114,7 +115,8 @@ def is_resting_value(x: Array, value: float, others: Sequence[Array]) -> bool:
 
     A coarse gyro that turns in one sense only, or not at all, reads its extreme in every rest. Rest
     is where the other channels are still and this one hardly changes; the value is that of rest if
-    half of that time is spent within a few steps of it.
+    half of that time is spent within a few steps of it, and not little of all time that the others
+    are still.
 
     Parameters
     ----------
@@ -135,9 +137,10 @@ def is_resting_value(x: Array, value: float, others: Sequence[Array]) -> bool:
             still &= scatter <= max(float(np.sqrt(quiet * moving)), floor)
     windows = x[:whole].reshape(-1, _WINDOW)
     few = _FEW_STEPS * _smallest_step(x)
-    still &= np.ptp(windows, axis=1) <= max(few, _HARDLY * float(np.ptp(x)))
-    near = np.abs(np.median(windows[still], axis=1) - value) <= few
-    return bool(near.size) and 2 * int(near.sum()) >= near.size
+    at_rest = still & (np.ptp(windows, axis=1) <= max(few, _HARDLY * float(np.ptp(x))))
+    near = np.abs(np.median(windows[at_rest], axis=1) - value) <= few
+    count = int(near.sum())
+    return 2 * count >= max(near.size, 1) and count >= _OFTEN * int(still.sum())
 
 
 def clipping_values(x: Array) -> tuple[float, ...]:
