@@ -19,7 +19,7 @@ _FEW = 12  # levels in them, beyond which the noise is above a step
 _LARGE = 0.9  # steps of noise, of which rounding leaves a millionth
 _EVEN = 1e-3  # of a step
 _COARSER = 0.7  # of the step at rest: a smaller one of the whole channel is that of its text
-_MOSTLY = 0.5  # share of the samples in rests at one value: it may be a dead band
+_OFTEN = 3  # samples at one value that are no single spike
 _WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
 _BESIDE = 6  # gaps that say how wide the others are
 
@@ -55,17 +55,21 @@ def reading_steps(
     for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
         stated = axis.noise.quantisation * float(scale[k])
         own = [one[start:stop, column] for start, stop in rests]
-        if not own or not (stated or (_has_few_levels(own) and not _averages_out(own))):
+        few = bool(own) and _has_few_levels(own)
+        lonely = _lonely_value(own) if own else None
+        stepped = bool(own) and (stated > 0 or few) and not _averages_out(own, stated)
+        if lonely is None and not stepped:
             continue
         levels = np.unique(one[:, column])
-        ladder = rounding_ladder(levels)
+        ladder = rounding_ladder(levels) if stepped else None
         least = max(stated, _COARSER * _step_at_rest(own))
-        if ladder is None or ladder.step < least:
+        if stepped and (ladder is None or ladder.step < least):
             ladder = _coarse_ladder(levels, own, stated)
-        if (band := _dead_band(levels, own)) > (0.0 if ladder is None else ladder.step):
+        band = 0.0 if lonely is None else _dead_band(levels, lonely)
+        if band > (0.0 if ladder is None else ladder.step):
             step[k], noise[k], dead[k] = band, 0.0, True
         elif ladder is None:
-            unknown.append(k)
+            unknown += [k] * stepped
         else:
             noise[k] = min(noise_lower_bound([ladder.places(y) for y in own]), NOISY)
             step[k], text[k] = ladder.step, ladder.off
@@ -96,35 +100,49 @@ def _step_at_rest(rests: Sequence[Array]) -> float:
 
 
 def _has_few_levels(rests: Sequence[Array]) -> bool:
-    """Return whether most rests span few levels, or one value is read most of the time."""
-    few = 0
-    for y in rests:
-        some = y[:: max(1, y.size // _LOOKED_AT)]
-        values, counts = np.unique(some, return_counts=True)
-        few += values.size <= _FEW or 2 * int(counts.max()) > some.size
+    """Return whether most rests span few levels."""
+    few = sum(np.unique(_some(y)).size <= _FEW for y in rests)
     return 2 * few >= len(rests)
 
 
-def _averages_out(rests: Sequence[Array]) -> bool:
+def _some(y: Array) -> Array:
+    """Return some of the samples of a rest, evenly spread."""
+    return y[:: max(1, y.size // _LOOKED_AT)]
+
+
+def _lonely_value(rests: Sequence[Array]) -> float | None:
+    """Return the value of rests beside which they read nothing near, as in a dead band; or None."""
+    values, counts = np.unique(np.concatenate([_some(y) for y in rests]), return_counts=True)
+    gaps = np.diff(values)
+    if not gaps.size:
+        return float(values[0])
+    wide = _WIDE * float(np.median(gaps)) if gaps.size > _BESIDE else 0.0
+    sides = np.concatenate([[np.inf], gaps, [np.inf]])
+    widest = int(np.argmax(gaps))
+    for k in (int(np.argmax(counts)), widest, widest + 1):
+        if counts[k] >= _OFTEN and float(sides[k : k + 2].min()) >= wide:
+            return float(values[k])
+    return None
+
+
+def _averages_out(rests: Sequence[Array], stated: float) -> bool:
     """Return whether the noise is as large as the steps, which are even: nothing is to be done."""
-    step = _step_at_rest(rests)
+    step = max(stated, _step_at_rest(rests))
     scatter = float(np.median([y.std() for y in rests]))
     if not step or scatter < _LARGE * step:
         return False
+    if stated >= step:
+        return True
     gaps = np.diff(np.unique(np.concatenate(rests))) / step
     return float(np.abs(gaps - np.rint(gaps)).max()) < _EVEN
 
 
-def _dead_band(levels: Array, rests: Sequence[Array]) -> float:
-    """Return the width of the range about the usual value at rest that is never read; 0 if none.
+def _dead_band(levels: Array, value: float) -> float:
+    """Return the width of the range about a value that is never read; 0 if none.
 
     The true value may be as far away as the nearest reading on either side.
     """
-    values, counts = np.unique(np.concatenate(rests), return_counts=True)
-    if counts.max() < _MOSTLY * counts.sum():
-        return 0.0
-    place = int(np.searchsorted(levels, float(values[int(np.argmax(counts))])))
-    gaps = np.diff(levels)
+    place, gaps = int(np.searchsorted(levels, value)), np.diff(levels)
     widest = 0.0
     for beside in (gaps[:place][::-1], gaps[place:]):
         if beside.size > _BESIDE and beside[0] > _WIDE * np.median(beside[1 : 1 + _BESIDE]):
