@@ -26,6 +26,16 @@ def data_dir() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def reports_dir() -> Path:
+    """Folder of inputs rebuilt from public reports, which are not part of the project."""
+    root = Path(__file__).parents[1]
+    folder = Path(os.environ.get("INERCAL_REPORTS", root.parent / "shared" / "reports"))
+    if not folder.is_dir():
+        pytest.skip(f"no reported inputs at {folder}; set INERCAL_REPORTS to their folder")
+    return folder
+
+
 @pytest.fixture(params=SEEDS)
 def seed(request: pytest.FixtureRequest) -> int:
     """Return a base seed."""

@@ -123,6 +123,14 @@ class _NoiseFactor(_Strict):
     factor: _Number | None
 
 
+class _RoundedChannel(_Strict):
+    channel: _Text
+    step: _Positive
+    noise: _Number
+    dead_band: bool
+    std: _Positive
+
+
 class _Verdict(_Strict):
     grade: _Text
     word: _Text = ""
@@ -133,6 +141,7 @@ class _Verdict(_Strict):
     advice: list[_Advice] = []
     scatter: _Number | None = None
     noise: list[_NoiseFactor] = []
+    rounding: list[_RoundedChannel] | None = None
 
 
 class _SharedError(_Strict):

@@ -49,7 +49,7 @@ from inercal.estimate.scores import (
     chi2_tail_probability,
     remaining_p_value,
 )
-from inercal.recording import Finding
+from inercal.recording import Finding, RoundedChannel
 from inercal.uncertainty.coverage import COVERAGE
 
 Grade = Literal["consistent", "reservations", "unreliable"]
@@ -214,6 +214,8 @@ class Verdict:
         otherwise 1.
     noise : tuple of NoiseFactor
         Noise that was stated too large or too small.
+    rounding : tuple of RoundedChannel
+        Channels whose steps limit what rests show.
     """
 
     grade: Grade
@@ -225,6 +227,7 @@ class Verdict:
     advice: tuple[Advice, ...] = ()
     scatter: float = 1.0
     noise: tuple[NoiseFactor, ...] = ()
+    rounding: tuple[RoundedChannel, ...] = ()
 
     @property
     def word(self) -> str:

@@ -13,6 +13,7 @@ from inercal.calibration.grade import (
     Verdict,
 )
 from inercal.errors import InputError
+from inercal.recording import RoundedChannel
 
 
 def as_object(verdict: Verdict) -> dict[str, Any]:
@@ -42,6 +43,7 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
                 "action": one.action,
                 "chi2": one.chi2,
             }
+            | _rounding_object(verdict)
             for one in verdict.advice
         ],
         "scatter": _number(verdict.scatter),
@@ -49,7 +51,13 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
             {"what": one.what, "channel": one.channel, "factor": _number(one.factor)}
             for one in verdict.noise
         ],
-    }
+    } | _rounding_object(verdict)
+
+
+def _rounding_object(verdict: Verdict) -> dict[str, Any]:
+    """Return the rounded channels; nothing where there are none."""
+    channels = [one._asdict() for one in verdict.rounding]
+    return {"rounding": channels} if channels else {}
 
 
 def _cause_as_object(one: SuspectedCause | None) -> dict[str, Any] | None:
@@ -103,8 +111,18 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
         NoiseFactor(one["what"], one["channel"], _float(one["factor"]))
         for one in content.get("noise", ())
     )
+    rounding = tuple(RoundedChannel(**channel) for channel in content.get("rounding") or ())
     return Verdict(
-        grade, tuple(content["reasons"]), lines, tests, suspect, best, advice, scatter, noise
+        grade,
+        tuple(content["reasons"]),
+        lines,
+        tests,
+        suspect,
+        best,
+        advice,
+        scatter,
+        noise,
+        rounding,
     )
 
 

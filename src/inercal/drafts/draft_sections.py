@@ -24,6 +24,7 @@ from inercal.drafts.readouts import (
 )
 from inercal.errors import InputError
 from inercal.io.column_table import Table, shorten
+from inercal.io.repeated_values import railed_ranges
 from inercal.io.time_stamps import times_from_origin
 from inercal.recording.temperature_readout import COUNTS, first_impossible, seems_kelvin
 from inercal.section_settings import si_value
@@ -294,6 +295,12 @@ def start_deviation(roles: ColumnRoles) -> float:
     return _ARM_DEVIATION if "arm_rate" in roles.single else _MEAN_DEVIATION
 
 
+def _railed_samples(x: Array, every: Sequence[Array]) -> int:
+    """Return how many samples of a channel, (n,), are at the end of its range."""
+    others = [one for one in every if not np.array_equal(one, x)]
+    return int(np.diff(railed_ranges(x, others)).sum())
+
+
 def deviation_key(deviation: float, reason: str) -> DraftKey:
     """Return the deviation of means, of gravity, as a key."""
     return DraftKey("data.sd", "accelerometer", f"{1e6 * deviation:.2g} µg", reason)
@@ -318,11 +325,10 @@ def facts(
         samples = int((spans[:, 1] - spans[:, 0]).sum())
         unit = "samples"
         facts.append(f"{len(spans)} sections at rest, {samples} of {rows} {unit}")
+    every = list(np.hstack(list(readings.values())).T)
     for kind, data in readings.items():
         facts.append(f"{kind}s read {data.min():.6g} to {data.max():.6g}")
-        clipped = [int(np.sum(column == column.max())) for column in data.T]
-        if not roles.means and max(clipped) > max(10, rows // 1000):
-            facts.append(
-                f"{kind}s stay at their largest reading in {max(clipped)} samples: clipped?"
-            )
+        clipped = [0] if roles.means else [_railed_samples(x, every) for x in data.T]
+        if any(clipped):
+            facts.append(f"{kind}s are at the end of their range in {max(clipped)} samples")
     return tuple(facts)

@@ -44,9 +44,15 @@ class ScatterModel(NamedTuple):
     share: float = 1.0  # of the variance
     excess: float = 0.0  # standard deviation of each component
 
-    def of(self, noise: Array) -> Array:
-        """Return the covariance with both, of `noise` (..., m, m)."""
-        return self.share * noise + self.excess**2 * np.eye(noise.shape[-1])
+    def of(self, noise: Array, fixed: Array | None = None) -> Array:
+        """Return the covariance with both, of `noise` (..., m, m).
+
+        `fixed`: variances (..., m) that are part of the noise, and of which no share is taken.
+        """
+        added = self.excess**2 * np.eye(noise.shape[-1])
+        if fixed is not None and self.share != 1:
+            added = added + (1 - self.share) * fixed[..., None] * np.eye(noise.shape[-1])
+        return self.share * noise + added
 
 
 def chi_squared(residual: Array, jacobian: Array, whiten: Callable[[Array], Array]) -> float:

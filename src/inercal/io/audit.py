@@ -280,7 +280,9 @@ def channel_findings(
         return [dead]
     why = ""
     if limits is None:
-        railed, cut = repeated_values.rail_ranges(x), repeated_values.clipping_values(x)
+        others = [one for j, one in enumerate(recording.data.T) if j != k]
+        railed = repeated_values.railed_ranges(x, others)
+        cut = repeated_values.clipping_values(x)
         if cut:
             railed = repeated_values.ranges_with_values(x, railed, cut)
             values = " and ".join(f"{value:.6g}" for value in cut)

@@ -8,6 +8,7 @@ user states a value for all rows, or columns hold that of each row, `ax_sd` for 
 import csv
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,14 @@ from inercal.errors import InputError
 from inercal.io.atomic_files import atomic_write
 from inercal.io.column_table import TOO_LARGE, Array, Table, shorten
 from inercal.io.read import Columns, read_table
-from inercal.recording import Observations
+from inercal.recording import Observations, ReadingSteps, rounded_channels, rounding_notes
+from inercal.recording.rounding import NOISY
 from inercal.sensors import Axis, Sensor
+from inercal.uncertainty.rounding import last_digit
 
+_FEW_DIGITS = 3  # of the last place: means that differ by less may be equal
+_OF_NOISE = 0.01  # share of a mean's variance below which its last digit is not counted
+_ONE_DIGIT = 0.1  # of the largest mean: whole numbers such as 1 and 0 g are not what was read
 _ROWS = 4  # the means of fewer rows may agree to the last digit
 SD_SUFFIX = "_sd"  # added to the name of a column: its standard deviation
 
@@ -152,28 +158,73 @@ def observations_from_table(
         temperature = columns.thermometer.possible_kelvin(
             cells, columns.temperature, table.place, str(path)
         )
+    mean, covariance = sensor.to_si(output), deviation[..., None] ** 2 * np.eye(len(sensor.axes))
+    digits = _rounding_of_digits(output, deviation, sensor)
+    rounding, notes = digits.errors_of_means(mean), tuple[str, ...]()
+    if rounding is not None:
+        rounding = replace(
+            rounding, channels=rounded_channels(sensor, digits, covariance, digits.step**2 / 12)
+        )
+        notes = rounding_notes(sensor, rounding.channels)
+        rounding = rounding.with_independent(digits.step**2 / 12 - digits.variance)
+        covariance = covariance + rounding.own[:, :, None] * np.eye(len(sensor.axes))
     return Observations(
         labels=labels,
-        mean=sensor.to_si(output),
-        covariance=deviation[..., None] ** 2 * np.eye(len(sensor.axes)),
+        mean=mean,
+        covariance=covariance,
         duration=durations,
         samples=np.ones(len(labels), dtype=np.int64),
         time=np.arange(len(labels), dtype=float),
         channels=sensor.channels,
+        rounding=rounding,
+        notes=notes,
         timed=False,
         temperature=temperature,
     )
 
 
+def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> ReadingSteps:
+    """Return how the means, (r, m), are rounded by the digits that they are written with.
+
+    A mean is one reading of its own noise; where that is large, digits do not matter.
+    """
+    scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
+    kinds = np.array([axis.measures for axis in sensor.axes])
+    step = np.zeros(scale.size)
+    for kind in set(kinds.tolist()):
+        alike = output[:, kinds == kind]  # written in one way
+        digit = last_digit(alike)
+        if digit <= _ONE_DIGIT * float(np.abs(alike).max(initial=0.0)):
+            step[kinds == kind] = digit
+    step /= scale
+    sd = np.median(deviation, axis=0)
+    step = np.where(step**2 / 12 > _OF_NOISE * sd**2, step, 0.0)
+    noise = np.where(step > 0, sd / np.where(step > 0, step, 1.0), NOISY)
+    never = np.zeros(step.size, dtype=np.bool_)
+    return ReadingSteps(step, np.minimum(noise, NOISY), never, np.zeros(step.size))
+
+
 def _refuse_constant_column(
     path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str, str]
 ) -> None:
-    """Refuse a column that is the same in all rows while others of its kind change."""
+    """Refuse a column that is the same in all rows while others change, or a gyro that reads 0."""
     if len(output) < _ROWS:
         return
     constant = (output == output[0]).all(axis=0)
     for k, axis in enumerate(sensor.axes):
         like = [j for j, other in enumerate(sensor.axes) if other.measures == axis.measures]
+        if axis.measures == "w" and not output[:, k].any():
+            raise InputError(
+                f"{path}: column {by_axis[axis.name]!r} is 0 in all rows: the gyro has a dead band "
+                "about zero or its means are rounded to 0, and its bias may be anything within; "
+                "write the means with more digits, or leave the gyros out",
+                file=path,
+                names=(by_axis[axis.name],),
+            )
+        # Gyros at rest that are written to a coarse digit may agree in all rows.
+        few = _FEW_DIGITS * last_digit(output[:, like])
+        if axis.measures == "w" and float(np.ptp(output[:, like], axis=0).max()) <= few:
+            continue
         if constant[k] and not constant[like].all():
             raise InputError(
                 f"{path}: column {by_axis[axis.name]!r} is {output[0, k]:.6g} in all rows while "

@@ -6,6 +6,7 @@ repeats values too: where its steps exceed its noise, long runs are normal. Nois
 the range is cut off there and makes no long runs: it piles up in the histogram.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,10 @@ from inercal.recording import Indices
 _STANDS_OUT = 5  # times the longest ordinary run: a run is long
 _RAIL = 5  # samples; fewer at an extreme are a peak
 _STUCK = 50  # samples; fewer are an ordinary repetition
+_STEEP = 5  # steps by which the samples beside a flat top differ from it
+_MOVES = 5.0  # times: a channel's scatter in motion over that at rest
+_FEW_STEPS, _HARDLY = 3.0, 0.02  # of the channel's step and range, within which it is at rest
+_OFTEN = 0.2  # share of the time in which the other channels are still
 _LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its extreme repeats
 # A channel is coarse where it spans at most _SPAN steps over _WINDOW samples, in the _QUIETEST
 # share of windows, or where the share _GENTLE of long runs ends by a change of two steps at most.
@@ -55,7 +60,8 @@ def rail_ranges(x: Array) -> Indices:
     """Return half-open ranges, (k, 2), where a channel (n,) sits at its extreme reading.
 
     An extreme is a rail when its longest run has at least 5 samples and 5 times as many as the
-    longest run at any value between the two extremes.
+    longest run at any value between the two extremes, or when a run of at least 5 begins and ends
+    by a jump of 5 steps.
     """
     lowest, highest = x.min(), x.max()
     if not (_has_consecutive(x == lowest, _RAIL) or _has_consecutive(x == highest, _RAIL)):
@@ -66,11 +72,75 @@ def rail_ranges(x: Array) -> Indices:
     runs = _runs(x)
     longest = int(runs.length[between[runs.start]].max(initial=1))
     needed = max(_RAIL, _STANDS_OUT * longest)
-    extremes = (lowest, highest)
-    rails = [v for v in extremes if runs.length[runs.value == v].max(initial=1) >= needed]
+    rails = [
+        v
+        for v in (lowest, highest)
+        if runs.length[runs.value == v].max(initial=1) >= needed or _has_flat_top(x, runs, v)
+    ]
     if not rails or _has_fewer_values(x, _LEVELS):
         return _NONE
     return true_ranges(np.logical_or.reduce([x == v for v in rails]))
+
+
+def _has_flat_top(x: Array, runs: _Runs, extreme: float) -> bool:
+    """Return whether a channel that changes fast stands still at its extreme.
+
+    A smooth peak that stays within one step for five samples leaves it by a few steps at most.
+    """
+    at = np.flatnonzero((runs.value == extreme) & (runs.length >= _RAIL))
+    start, stop = runs.start[at], runs.start[at] + runs.length[at]
+    inner = (start > 0) & (stop < x.size)
+    start, stop = start[inner], stop[inner]
+    if not start.size:
+        return False
+    least = np.minimum(np.abs(x[start - 1] - extreme), np.abs(x[stop] - extreme))
+    return bool((least >= _STEEP * _smallest_step(x)).any())
+
+
+def railed_ranges(x: Array, others: Sequence[Array]) -> Indices:
+    """Return half-open ranges, (k, 2), where a channel (n,) sits at the end of its range.
+
+    `others`, (n,) each, are the channels that show when the sensor is at rest.
+    """
+    railed = rail_ranges(x)
+    if not len(railed):
+        return railed
+    at = x[railed[:, 0]]
+    resting = [v for v in np.unique(at).tolist() if is_resting_value(x, v, others)]
+    return railed[~np.isin(at, resting)]
+
+
+def is_resting_value(x: Array, value: float, others: Sequence[Array]) -> bool:
+    """Return whether a channel reads a value because it is at rest, not at the end of its range.
+
+    A coarse gyro that turns in one sense only, or not at all, reads its extreme in every rest. Rest
+    is where the other channels are still and this one hardly changes; the value is that of rest if
+    half of that time is spent within a few steps of it, and not little of all time that the others
+    are still.
+
+    Parameters
+    ----------
+    x : (n,) array
+    value : float
+    others : sequence of (n,) arrays
+        The other channels.
+    """
+    whole = x.size // _WINDOW * _WINDOW
+    if not whole or not others:
+        return False
+    still = np.ones(whole // _WINDOW, np.bool_)
+    for other in others:
+        scatter = other[:whole].reshape(-1, _WINDOW).std(axis=1)
+        quiet, moving = np.quantile(scatter, [_QUIETEST, 1 - _QUIETEST])
+        if moving > _MOVES * quiet:
+            floor = _smallest_step(other)
+            still &= scatter <= max(float(np.sqrt(quiet * moving)), floor)
+    windows = x[:whole].reshape(-1, _WINDOW)
+    few = _FEW_STEPS * _smallest_step(x)
+    at_rest = still & (np.ptp(windows, axis=1) <= max(few, _HARDLY * float(np.ptp(x))))
+    near = np.abs(np.median(windows[at_rest], axis=1) - value) <= few
+    count = int(near.sum())
+    return 2 * count >= max(near.size, 1) and count >= _OFTEN * int(still.sum())
 
 
 def clipping_values(x: Array) -> tuple[float, ...]:

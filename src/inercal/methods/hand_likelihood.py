@@ -173,7 +173,7 @@ def _reading_noise(observations: Observations) -> ReadingNoise:
     """
     blocks = observations.covariance
     variance = np.diagonal(blocks, axis1=-2, axis2=-1)
-    independent = observations.drift is None and observations.common is None
+    independent = observations.between_rows is None and observations.common is None
     if independent and np.count_nonzero(blocks) == np.count_nonzero(variance):
         deviations = np.sqrt(variance).reshape(*variance.shape[:-2], -1)
         return ReadingNoise(deviations, correlated=False)

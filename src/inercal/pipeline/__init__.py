@@ -331,6 +331,8 @@ def _calibrate(
             lambda other: _calibrate(other, None, advises=False).estimate,
         )
     judged = verdict(estimate, sensor, findings, expected, possible, row_word, advisor)
+    if observations.rounding is not None:
+        judged = replace(judged, rounding=observations.rounding.channels)
     value, covariance = estimate.value[:p], estimate.stated_covariance[:p, :p]
     calibration = Calibration(
         sensor,

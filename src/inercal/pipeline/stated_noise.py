@@ -33,6 +33,7 @@ from inercal.sensors import Sensor
 from inercal.units import format_value_and_uncertainty, si_factor
 
 _LARGE_RATIO = 2.0  # of noise, beyond which unit or scale are in doubt
+_SEEN = 0.5  # steps: smaller noise is hidden by the rounding of the readings
 _LEAST_RATIO = 1.3  # stated over found; less is of no matter, and a stated 1.5 is always beyond it
 _LEVEL = 1e-3  # of all comparisons of a run together
 _NOISE_UNITS = {"f": ("accelerometer", "m/s²", "µg/√Hz"), "w": ("gyro", "rad/s", "°/√h")}
@@ -105,10 +106,14 @@ def _recorded_noise(
 ) -> Iterator[Finding]:
     """Yield a finding for each kind of axes whose noise in a recording is not as stated."""
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
+    rounding, hidden = observations.rounding, np.zeros(len(sensor.axes), dtype=np.bool_)
+    if rounding is not None:
+        variance = np.maximum(variance - rounding.own, 0.0)
+        hidden = (rounding.steps.step > 0) & (rounding.steps.noise < _SEEN)
     resting = np.array([not by_hand and _is_at_rest(step) for step in steps])
     duration = observations.duration[:, None]
     for kind, (section, like, unit) in _NOISE_UNITS.items():
-        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind and not hidden[k]]
         noises = [sensor.axes[k].noise for k in own]
         if not any(noise.white for noise in noises):
             continue

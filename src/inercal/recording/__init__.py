@@ -6,6 +6,13 @@ trials, `(..., n, m)`; trials share times and labels.
 
 from inercal.recording.findings import Finding, Severity, merge_findings, merge_messages
 from inercal.recording.observations import MeansTrend, Observations, join_observations
+from inercal.recording.rounding import (
+    ReadingSteps,
+    RoundedChannel,
+    RoundingErrors,
+    rounded_channels,
+    rounding_notes,
+)
 from inercal.recording.samples import (
     GAP_FACTOR,
     STAMP_ROUNDING,
@@ -36,7 +43,10 @@ __all__ = [
     "Mark",
     "MeansTrend",
     "Observations",
+    "ReadingSteps",
     "Recording",
+    "RoundedChannel",
+    "RoundingErrors",
     "Severity",
     "Track",
     "Transitions",
@@ -46,6 +56,8 @@ __all__ = [
     "line_of_row",
     "merge_findings",
     "merge_messages",
+    "rounded_channels",
+    "rounding_notes",
     "sample_count",
     "temperature_rate",
 ]

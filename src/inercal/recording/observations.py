@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.recording.rounding import RoundingErrors, join_rounding_errors
 from inercal.recording.samples import Indices
 from inercal.recording.temperature_course import temperature_varies
 from inercal.recording.track import Track
@@ -54,8 +55,9 @@ class Observations:
         Degrees of freedom of the covariance; infinite when it was stated.
     drift : (r, r, m) array or None
         Covariance between rows of each channel's slow drift, which `covariance` excludes.
-    rounding : (m,) array or None
-        Variance that coarse steps of the channels add to each mean, part of `covariance`.
+    rounding : RoundingErrors or None
+        Errors by coarse steps of the channels; of their covariance between rows the diagonal is
+        part of `covariance`.
     transitions : Transitions or None
         Transitions between neighbouring rows, for methods that integrate the rate between rests.
     halves : HalfSectionChanges or None
@@ -92,7 +94,7 @@ class Observations:
     channels: tuple[str, ...]
     dof: float = np.inf
     drift: Array | None = None
-    rounding: Array | None = None
+    rounding: RoundingErrors | None = None
     transitions: Transitions | None = None
     halves: HalfSectionChanges | None = None
     track: Track | None = None
@@ -151,15 +153,23 @@ class Observations:
             )
 
     @property
+    def between_rows(self) -> Array | None:
+        """Covariance between rows by drift and rounding, (r, r, m), which `covariance` excludes."""
+        if self.rounding is None:
+            return self.drift
+        shared = self.rounding.shared
+        return shared if self.drift is None else self.drift + shared
+
+    @property
     def full_covariance(self) -> Array:
-        """Covariance of all readings with drift and common errors, (..., r·m, r·m), by rows."""
+        """Covariance of all readings, (..., r·m, r·m) by rows: with drift and all common errors."""
         r, m = self.mean.shape[-2:]
         full = np.zeros((*self.covariance.shape[:-3], r, m, r, m))
         for k in range(r):
             full[..., k, :, k, :] = self.covariance[..., k, :, :]
-        if self.drift is not None:
+        if (between := self.between_rows) is not None:
             for a in range(m):
-                full[..., :, a, :, a] += self.drift[..., a]
+                full[..., :, a, :, a] += between[..., a]
         full = full.reshape(*full.shape[:-4], r * m, r * m)
         if self.common is not None:
             effect = self.common.reshape(*self.common.shape[:-3], r * m, -1)
@@ -229,6 +239,7 @@ class Observations:
             time=self.time[kept],
             drift=None if drift is None else drift[np.ix_(kept, kept)],
             trend=None if trend is None else MeansTrend(trend.value[kept], trend.sd[kept]),
+            rounding=None if self.rounding is None else self.rounding.rows(kept),
             transitions=None,
             halves=None,
             track=None,
@@ -258,7 +269,7 @@ def join_observations(one: Observations, other: Observations) -> Observations:
         channels=one.channels,
         dof=min(one.dof, other.dof),
         drift=drift,
-        rounding=one.rounding,
+        rounding=join_rounding_errors(one.rounding, other.rounding, r, s),
         tests=(*one.tests, *other.tests),
         notes=(*one.notes, *other.notes),
         timed=one.timed and other.timed,

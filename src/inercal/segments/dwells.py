@@ -16,7 +16,7 @@ samples. The first harmonic of the readings themselves corrects the azimuth of t
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import pi
 
@@ -27,10 +27,17 @@ from numpy.typing import NDArray
 from inercal.arrays import Array, true_ranges
 from inercal.errors import InputError
 from inercal.plan import Attitude, Spin, arm_attitude
-from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.recording import (
+    Finding,
+    Mark,
+    Observations,
+    Recording,
+    rounded_channels,
+    rounding_notes,
+)
 from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.segments.drift import drift_covariance
-from inercal.segments.section_means import coarse_steps
+from inercal.segments.reading_steps import reading_steps
 from inercal.sensors import Sensor
 
 ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
@@ -200,7 +207,6 @@ def average_dwells(
     angle = swept_angle(recording.readback[ARM_RATE], recording.time)
     means: list[Array] = []
     scatters: list[Array] = []
-    deviations: list[Array] = []
     for dwell in dwells:
         inside = slice(dwell.mark.start, dwell.mark.stop)
         y = sensor.to_si(recording.data[inside, columns])
@@ -208,10 +214,20 @@ def average_dwells(
         means.append(by_turn.mean(axis=0))
         off = (by_turn - means[-1]).reshape(-1, y.shape[-1])
         scatters.append(off.T @ off)
-        deviations.append(y.std(axis=0))
     seconds = np.array([recording.span(d.mark.start, d.mark.stop) for d in dwells])
     covariance, dof = _pooled_covariance(recording, dwells, seconds, scatters, k)
-    coarse = coarse_steps(recording.data, columns, sensor, np.stack(deviations))
+    coarse = reading_steps(
+        recording.data, columns, sensor, [(d.mark.start, d.mark.stop) for d in dwells]
+    )
+    mean, covariance = np.concatenate(means), np.repeat(covariance, k, axis=0)
+    rounding = coarse.errors_of_means(mean)
+    notes: tuple[str, ...] = ()
+    if rounding is not None:
+        rounding = replace(
+            rounding, channels=rounded_channels(sensor, coarse, covariance, coarse.variance)
+        )
+        notes = rounding_notes(sensor, rounding.channels)
+        covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])
     starts = np.array([recording.time[d.mark.start] for d in dwells])
     drift = drift_covariance(
@@ -234,15 +250,16 @@ def average_dwells(
         kelvin = np.repeat([float(kelvin[d.mark.start : d.mark.stop].mean()) for d in dwells], k)
     observations = Observations(
         labels=tuple(step.label for step in steps),
-        mean=np.concatenate(means),
-        covariance=np.repeat(covariance + np.diag(coarse), k, axis=0),
+        mean=mean,
+        covariance=covariance,
         duration=np.repeat(seconds, k),
         samples=np.repeat(samples, k),
         time=np.repeat(starts + seconds / 2, k),
         channels=sensor.channels,
         dof=dof,
         drift=drift,
-        rounding=coarse,
+        rounding=rounding,
+        notes=notes,
         temperature=kelvin,
     )
     return observations, steps

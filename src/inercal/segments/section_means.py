@@ -18,6 +18,7 @@ readings' noise.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,11 +26,19 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Rotation, Step, Turn
-from inercal.recording import Mark, MeansTrend, Observations, Recording
+from inercal.recording import (
+    Mark,
+    MeansTrend,
+    Observations,
+    Recording,
+    rounded_channels,
+    rounding_notes,
+)
 from inercal.recording.temperature_course import temperature_varies
 from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.segments.drift import drift_covariance
 from inercal.segments.hand_motion_noise import density_without_hand_motion, noise_degrees_of_freedom
+from inercal.segments.reading_steps import reading_steps
 from inercal.segments.section_noise import SectionNoise, drift_notes, section_noise_statistics
 from inercal.segments.stillness import require_still
 from inercal.sensors import Sensor
@@ -102,7 +111,6 @@ def observe(
     holds = [step for step in used if step.label not in moving]
     if not holds:
         raise InputError(f"{recording.source}: no position at rest is marked; mark one at least")
-    scatter = np.stack([section(step).std(axis=-2) for step in holds])
     if not found:
         require_still(recording, sensor, [by_label[step.label] for step in holds])
     batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
@@ -123,8 +131,11 @@ def observe(
     if by_hand:
         density = density_without_hand_motion(density, sensor, at_rest_all())
         dof = min(dof, noise_degrees_of_freedom(len(holds)))
-    coarse = coarse_steps(recording.data, columns, sensor, scatter)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
+    steps_of_readings = reading_steps(
+        recording.data, columns, sensor, [ranges[used.index(step)] for step in holds]
+    )
+    coarse = steps_of_readings.variance
     durations = np.array([recording.span(*limits) for limits in ranges])
     middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
     covariance = density[..., None, :, :] / samples[:, None, None]
@@ -174,10 +185,21 @@ def observe(
     covariance = covariance * factor[..., :, None] * factor[..., None, :]
     if noise is not None:
         covariance[at_rest] += noise.disturbance_variance[:, :, None] * np.eye(len(columns))
+    mean = np.stack([section(step).mean(axis=-2) for step in used], axis=-2)
+    rounding = None
+    if coarse.any():
+        trial = recording.data.reshape(-1, *recording.data.shape[-2:])[0]
+        scatter = np.stack([section(step, trial).std(axis=-2) for step in used])
+        rounding = steps_of_readings.errors_of_means(mean, samples, scatter)
+    if rounding is not None:
+        channels = rounded_channels(sensor, steps_of_readings, covariance, coarse)
+        rounding = replace(rounding, channels=channels)
+        notes = (*notes, *rounding_notes(sensor, channels))
+        covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))
     return Observations(
         labels=tuple(step.label for step in used),
-        mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),
-        covariance=covariance + np.diag(coarse),
+        mean=mean,
+        covariance=covariance,
         duration=durations,
         samples=samples,
         time=middles,
@@ -185,38 +207,11 @@ def observe(
         dof=dof,
         drift=drift,
         trend=trend,
-        rounding=coarse,
+        rounding=rounding,
         tests=tests,
         notes=notes,
         temperature=of_rows,
     )
-
-
-def coarse_steps(data: Array, columns: Sequence[int], sensor: Sensor, scatter: Array) -> Array:
-    """Return the variance that coarse steps add to each mean, (m,): q²/12, GUM F.2.2.1.
-
-    Noise of more than half a step averages the rounding errors; with less noise all samples of a
-    hold share one rounding error. The step is the larger of the stated step and that of the data.
-
-    Parameters
-    ----------
-    data : (..., n, k) array
-        Data of the recording, output units.
-    columns : sequence of m int
-        Columns of the sensor's axes.
-    sensor : Sensor
-    scatter : (holds, ..., m) array
-        Standard deviations within the holds, SI.
-    """
-    variance = np.zeros(len(sensor.axes))
-    for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
-        steps = np.abs(np.diff(data[..., column], axis=-1))
-        smallest = float(np.min(steps, initial=np.inf, where=steps > 0))
-        smallest = smallest if np.isfinite(smallest) else 0.0
-        step = max(axis.noise.quantisation, smallest / abs(axis.readout.scale))
-        if np.mean(scatter[..., k] ** 2) < (0.5 * step) ** 2:
-            variance[k] = step**2 / 12
-    return variance
 
 
 def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:

@@ -213,7 +213,8 @@ def _compare_norms(
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     shared = _same_dwell_rows(observations, bench, steps)
     warmth = temperature.row_offsets(observations, sensor)
-    in_common = observations.drift is not None or observations.common is not None
+    between = observations.between_rows
+    in_common = between is not None or observations.common is not None
     correlated = shared is not None or in_common
     exact = None if loose else specific_force_norm(bench, steps, unknowns.exact)
 
@@ -259,8 +260,8 @@ def _compare_norms(
         w = None if turned is None else turned.w
         at = norm_residuals(sensor, observations.mean, x[..., :p], result.norm, w, warmth)
         along = at.norm_by_reading
-        if observations.drift is not None:
-            full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
+        if between is not None:
+            full = full + np.einsum("...ia,ija,...ja->...ij", along, between, along)
         if observations.common is not None:
             effect = np.einsum("...ia,...iak->...ik", along, observations.common)
             full = full + effect @ np.swapaxes(effect, -1, -2)

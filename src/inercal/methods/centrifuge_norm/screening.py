@@ -153,6 +153,7 @@ def screen_rows(
             samples=np.ones(len(rows), dtype=np.int64),
             time=np.zeros(len(rows)),
             drift=None,
+            rounding=None,
             temperature=None if warmth is None else np.full(len(rows), warmth[k]),
         )
         one = _with_independent_rows(

@@ -58,13 +58,19 @@ class Scatter(NamedTuple):
 
 
 class ResidualRows(NamedTuple):
-    """All rows at one x = (c, g, ω_e, τ)."""
+    """All rows at one x = (c, g, ω_e, τ, ε)."""
 
     residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
     jacobian: Array  # of the predictions to x
     norm: NormResiduals
     rotations: RotationResiduals | None
     attitude: Array | None  # (r, 3, 3), from the level frame to the body's, where there are turns
+
+
+def _ratio(part: Array, whole: Array) -> float:
+    """Return a part of variances over what is beside it."""
+    beside = float(whole.sum() - part.sum())
+    return float(part.sum()) / beside if beside > 0 else np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +149,45 @@ class Rests:
         return np.zeros(len(self.sensor.axes)) if drift is None else drift.mean(axis=(0, 1))
 
     @cached_property
+    def rounding(self) -> Array:
+        """Variance of each mean reading by rounding, (r, q), a part of `noise`."""
+        found = self.observations.rounding
+        return (
+            np.zeros(self.noise.shape[:2]) if found is None else found.own[:, : self.noise.shape[1]]
+        )
+
+    @cached_property
+    def rounding_share(self) -> tuple[float, float, float]:
+        """Part of rounding over that of noise: accelerometers, gyros at rest and in motion.
+
+        Equal rounding errors are no quiet hand: no share of the noise is below this.
+        """
+        if not self.rounding.any():
+            return 0.0, 0.0, 0.0
+        m, own = self.m, np.diagonal(self.noise, axis1=1, axis2=2).sum(axis=0)
+        part = self.rounding.sum(axis=0)
+        ratios = [_ratio(part[:m], own[:m]), _ratio(part[m:], own[m:])]
+        if self.transitions is None:
+            return ratios[0], 0.0, 0.0
+        assert self.observations.rounding is not None
+        white = self.observations.rounding.steps.variance[m:]
+        return ratios[0], ratios[1], _ratio(white, np.diagonal(self.rate_noise))
+
+    @cached_property
+    def rate_rounding(self) -> Array:
+        """Standard deviation of the rounding error that the rests' rates share, (3,) rad/s.
+
+        Rests read b + ε, turns b. With ε in the bias a turn would be off by ε T.
+        """
+        found = self.observations.rounding
+        if found is None or self.transitions is None:
+            return np.zeros(3)
+        r = len(found.covariance)
+        return np.sqrt(found.shared[..., self.m :].sum(axis=(0, 1)) / max(r * (r - 1), 1))
+
+    @cached_property
     def known_quantities(self) -> tuple[Measured, ...]:
-        """What is known of x beyond the coefficients: g, the earth's rate, the clock's error τ.
+        """What is known of x beyond the coefficients: g, the earth's rate, the clock's error τ, ε.
 
         The earth's rate is in the level frame. The frame is east, north, up but for an unknown
         azimuth, so the level rate has two unknown components of known size.
@@ -157,10 +200,11 @@ class Rests:
             Measured(0.0, level),
             Measured(up.value, up.sd),
             Measured(self.bench.qualified.correction("timebase"), self.bench.timebase),
+            *(Measured(0.0, sd) for sd in self.rate_rounding.tolist()),
         )
 
     def start(self) -> Array:
-        """Return x at the nominal sensor, (p + 5,)."""
+        """Return x at the nominal sensor, (p + 8,)."""
         known = [quantity.value for quantity in self.known_quantities]
         return np.concatenate([np.zeros(len(self.sensor.coefficients)), known])
 
@@ -170,8 +214,11 @@ class Rests:
         n, whole = self.observations.samples, self.observations.covariance
         rounding = self.observations.rounding
         if rounding is not None:
-            whole = whole - np.diag(rounding)
-        return np.mean(whole * n[:, None, None], axis=0)[self.m :, self.m :]
+            whole = whole - self.rounding[:, :, None] * np.eye(self.rounding.shape[1])
+        white = np.mean(whole * n[:, None, None], axis=0)[self.m :, self.m :]
+        if rounding is not None:  # in motion rounding is white
+            white += np.diag(rounding.steps.variance[self.m :])
+        return white
 
     @cached_property
     def cross_directions(self) -> Array:
@@ -197,7 +244,7 @@ class Rests:
         return at
 
     def rows(self, x: Array, attitude: Array | None = None) -> ResidualRows:
-        """Return all rows at x = (c, g, ω_e, τ), (p + 5,).
+        """Return all rows at x = (c, g, ω_e, τ, ε), (p + 8,).
 
         The attitudes that the earth's rate needs are computed from x unless they are given: with
         attitudes that are constant within a fit, the derivatives are exact.
@@ -228,8 +275,20 @@ class Rests:
         of_turns[..., earth] = turns.to_earth @ by_earth
         of_turns[..., p + 4] = turns.to_timebase
         rates, of_rates = self._rates(x, at, motion_derivatives, to_level)
+        shared = slice(p + 5, p + 8)
+        ramps = sum(self.ramp_sensitivities(turns))
+        between = -turns.to_end_turn @ turns.way.to_bias - ramps
+        of_turns[..., shared] = ramps + between * self._still_shares[:, None]
+        of_rates[:, shared] = np.tile(np.eye(3), (r, 1))
+        of_rounding = of_turns[..., shared] @ x[shared]
         return ResidualRows(
-            np.concatenate([at.residual, turns.residual.ravel(), rates.ravel()]),
+            np.concatenate(
+                [
+                    at.residual,
+                    (turns.residual - of_rounding).ravel(),
+                    (rates - x[shared]).ravel(),
+                ]
+            ),
             np.concatenate([jacobian, of_turns.reshape(-1, x.size), of_rates]),
             at,
             turns,
@@ -275,7 +334,7 @@ class Rests:
     def _rates(
         self, x: Array, at: NormResiduals, motion_derivatives: Array, to_level: Array
     ) -> tuple[Array, Array]:
-        """Return the gyros' residuals at rest, (r, 3), and their Jacobian, (3 r, p + 5)."""
+        """Return the gyros' residuals at rest, (r, 3), and their Jacobian, (3 r, p + 8)."""
         p = len(self.sensor.coefficients)
         earth = slice(p + 1, p + 4)
         motion = Motion(
@@ -287,6 +346,30 @@ class Rests:
         jacobian[..., earth] = (slope[..., 3:] @ to_level)[:, self.m :]
         return (self.observations.mean - reading)[:, self.m :], jacobian.reshape(-1, x.size)
 
+    @cached_property
+    def _still_shares(self) -> Array:
+        """Share of the time in which a gyro reads as at rest during a transition, (k, 3).
+
+        As across the axis of a turn.
+        """
+        assert self.transitions is not None
+        way, found = self.transitions, self.observations.rounding
+        shares = np.zeros((len(way.rest), 3))
+        if found is None:
+            return shares
+        scale = np.array([abs(axis.readout.scale) for axis in self.sensor.axes])[self.m :]
+        at_rest = self.sensor.to_output(self.observations.mean)[:, self.m :]
+        for k, (rest, start, stop) in enumerate(zip(way.rest, way.left, way.reached, strict=True)):
+            off = way.output[start : stop + 1, self.m :] - at_rest[rest]
+            shares[k] = found.steps.as_at_rest(off / scale, self.m).mean(axis=0)
+        return shares
+
+    def ramp_sensitivities(self, turns: RotationResiduals) -> tuple[Array, Array]:
+        """Return the derivatives of the rotations by a gyro offset on the ramps, (k, 2, 3) each."""
+        arriving = -turns.to_end_turn * self.ramps[turns.rest + 1, 0, None, None]
+        leaving = -turns.to_end_turn @ turns.way.rotation * self.ramps[turns.rest, 1, None, None]
+        return arriving, leaving
+
     def reading_covariance(self, scatter: Scatter) -> Array:
         """Return the covariance of the readings of each rest, (r, m + 12, m + 12) or (r, m, m).
 
@@ -297,7 +380,7 @@ class Rests:
         m, r = self.m, len(self.noise)
         force, rate, turn = scatter
         whole = np.zeros((r, m + 12, m + 12))
-        whole[:, :m, :m] = force.of(self.noise[:, :m, :m])
+        whole[:, :m, :m] = force.of(self.noise[:, :m, :m], self.rounding[:, :m])
         if self.transitions is None:
             return whole[:, :m, :m]
         n, lengths = self.observations.samples, self._ramp_samples
@@ -315,7 +398,8 @@ class Rests:
         sums[:, 1:, 0] *= common
         blocks = np.einsum("rij,ab->riajb", sums, turn.share * self.rate_noise)
         whole[:, m:-3, m:-3] = blocks.reshape(r, 9, 9)
-        whole[:, m : m + 3, m : m + 3] = rate.share * self.noise[:, m:, m:]
+        at_rest = ScatterModel(rate.share).of(self.noise[:, m:, m:], self.rounding[:, m:])
+        whole[:, m : m + 3, m : m + 3] = at_rest
         whole[:, -3:, -3:] = rate.excess**2 * np.eye(3)
         return whole
 

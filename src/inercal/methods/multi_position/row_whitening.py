@@ -59,7 +59,7 @@ def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
     enter[:, NORM_ROW, :m] = -(rows.norm.up[:, None, :] @ back)[:, 0]
     if turns is not None:
         before, after = turns.rest, turns.rest + 1
-        arriving, leaving = _ramp_sensitivities(rests, turns)
+        arriving, leaving = rests.ramp_sensitivities(turns)
         on_the_way = _transition_offset_sensitivities(rests, turns)
         enter[:, RATE_ROWS, m : m + 3] = enter[:, RATE_ROWS, m + 9 :] = np.eye(3)
         enter[after, :2, :m] = turns.to_after @ back[after]
@@ -71,20 +71,13 @@ def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
     return enter
 
 
-def _ramp_sensitivities(rests: Rests, turns: RotationResiduals) -> tuple[Array, Array]:
-    """Return the derivatives of the rotations by a gyro offset on the ramps, (k, 2, 3) each."""
-    arriving = -turns.to_end_turn * rests.ramps[turns.rest + 1, 0, None, None]
-    leaving = -turns.to_end_turn @ turns.way.rotation * rests.ramps[turns.rest, 1, None, None]
-    return arriving, leaving
-
-
 def _transition_offset_sensitivities(rests: Rests, turns: RotationResiduals) -> Array:
     """Return the derivatives of the rotations by half a gyro offset between the ramps, (k, 2, 3).
 
     An offset is constant in a rest. In a transition it is the mean of the offsets at its ends, plus
     an independent part of the same variance.
     """
-    arriving, leaving = _ramp_sensitivities(rests, turns)
+    arriving, leaving = rests.ramp_sensitivities(turns)
     return np.asarray(0.5 * (-turns.to_end_turn @ turns.way.to_bias - arriving - leaving))
 
 

@@ -35,7 +35,14 @@ def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
         return whitener(rests, rows, Scatter(force))(columns)
 
     chi2 = chi_squared(rows.residual, jacobian, lambda a: whiten(ScatterModel(), a))
-    found = fit_scatter(rows.residual, jacobian, whiten, dof, stated=rests.noise_is_stated)
+    found = fit_scatter(
+        rows.residual,
+        jacobian,
+        whiten,
+        dof,
+        least=rests.rounding_share[0],
+        stated=rests.noise_is_stated,
+    )
     return ScatterStatistics(chi2, dof, found)
 
 
@@ -45,7 +52,14 @@ def rate_scatter(rests: Rests, rows: ResidualRows, shown: Places) -> ScatterStat
     whiten = _rate_whitener(rests)
     dof = max(len(residual) - shown.size, 0)
     chi2 = chi_squared(residual, jacobian, lambda a: whiten(ScatterModel(), a))
-    found = fit_scatter(residual, jacobian, whiten, dof, stated=rests.noise_is_stated)
+    found = fit_scatter(
+        residual,
+        jacobian,
+        whiten,
+        dof,
+        least=rests.rounding_share[1],
+        stated=rests.noise_is_stated,
+    )
     return ScatterStatistics(chi2, dof, found)
 
 
@@ -83,7 +97,7 @@ def rotation_scatter(
             lambda turn, a: whitener(rests, rows, known._replace(turn=turn))(a),
             dof,
             others(known),
-            _accelerometer_share(rests, rows, known),
+            max(_accelerometer_share(rests, rows, known), rests.rounding_share[2]),
             stated=rests.noise_is_stated,
         )
 
@@ -109,7 +123,7 @@ def _rate_rows(rests: Rests, rows: ResidualRows, shown: Places) -> tuple[Array, 
 
 def _rate_whitener(rests: Rests) -> Callable[[ScatterModel, Array], Array]:
     def whiten(rate: ScatterModel, columns: Array) -> Array:
-        own = rate.of(rests.noise[:, rests.m :, rests.m :])
+        own = rate.of(rests.noise[:, rests.m :, rests.m :], rests.rounding[:, rests.m :])
         inverse = np.linalg.inv(np.linalg.cholesky(own))
         return (inverse @ columns.reshape(len(own), 3, -1)).reshape(columns.shape)
 

@@ -49,9 +49,10 @@ Places = NDArray[np.int64]
 _COARSE_ITERATIONS = 6  # steps
 # Rests, beyond which no axis is scored apart: memory grows with their square
 _MAX_SCORED_RESTS = 100
-_ROUNDING = 1e-9  # of χ²: a rotation is the product of hundreds of steps
+_RELATIVE_ERROR = 1e-9  # of χ²: a rotation is the product of hundreds of steps
 _EXACT_LIMIT = 1e-15  # SI; what is known better is exact
-KNOWN_QUANTITIES = ("g", "earth_1", "earth_2", "earth_up", "timebase")
+_ROUNDING_ERRORS = ("rounding_x", "rounding_y", "rounding_z")  # that the rates at rest share
+KNOWN_QUANTITIES = ("g", "earth_1", "earth_2", "earth_up", "timebase", *_ROUNDING_ERRORS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +62,9 @@ class FitStage:
     Parameters
     ----------
     estimate : Estimate
-    x : (p + 5,) array
-        All coefficients, g, the earth's rate and the clock's error; what is not fitted yet is
+    x : (p + 8,) array
+        All coefficients, g, the earth's rate, the clock's error and those of rounding;
+        what is not fitted yet is
         nominal.
     scatter : Scatter
     groups : tuple of ResidualGroup
@@ -124,7 +126,9 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     x[still] += np.linalg.lstsq(rows.jacobian[of_rest, still], rows.residual[of_rest], rcond=None)[
         0
     ]
+    # Of the rates alone a common rounding error is a part of the bias.
     shown = np.concatenate([still, fitted[own.size :]])
+    shown = shown[shown < count + KNOWN_QUANTITIES.index(_ROUNDING_ERRORS[0])]
     rates = rate_scatter(rests, rests.rows(x), shown)
     scatter = first.scatter._replace(rate=rates.spread)
     # Without its scatter yet, this fit need not go to the last digit.
@@ -242,10 +246,12 @@ def _fit(
             start=x[free],
             linearise=linearise,
             noise=np.ones(len(whiten(started.residual)) + more.size),
-            scale=np.concatenate([rests.sensor.unit_scale, [G0, 1.0, 1.0, 1.0, 1.0]])[free],
+            scale=np.concatenate(
+                [rests.sensor.unit_scale, [G0], np.ones(len(KNOWN_QUANTITIES) - 1)]
+            )[free],
             priors=tuple(known),
             wanted=tuple(name for name in chosen if name not in KNOWN_QUANTITIES),
-            rounding=_ROUNDING,
+            rounding=_RELATIVE_ERROR,
             candidates=left_out if with_score_tests else None,
         ),
         max_iterations=most,

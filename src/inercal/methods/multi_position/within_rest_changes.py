@@ -61,7 +61,7 @@ def rest_changes(
     rests : Rests
     rows : ResidualRows
         At x.
-    x : (p + 5,) array
+    x : (p + 8,) array
         All coefficients and what is known beside them.
     scatter : Scatter
     """

@@ -20,7 +20,12 @@ from inercal.methods.systematic.coefficient_rules import require_turns
 from inercal.methods.systematic.filter_inputs import FilterModel, FilterStart, filter_start
 from inercal.methods.systematic.generalised_least_squares import LAG
 from inercal.methods.systematic.navigation_filter import ConstantEstimate, NavigationFilter
-from inercal.methods.systematic.segments import Indices, Segments, segments_of_track
+from inercal.methods.systematic.segments import (
+    FILTER_NOISE,
+    Indices,
+    Segments,
+    segments_of_track,
+)
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
@@ -60,7 +65,7 @@ def solve_by_filter(
     NotObserved
         Coefficients that these rests and turns do not determine.
     """
-    segments = segments_of_track(track, labels, sensor)
+    segments = segments_of_track(track, labels, sensor, FILTER_NOISE)
     model = FilterModel(
         sensor, known, priors, segments.run[1] - segments.run[0], segments.dt, segments.means
     )

@@ -20,6 +20,7 @@ from inercal.methods.systematic.filter_inputs import FilterModel, FilterStart, f
 from inercal.methods.systematic.navigation import integrate_navigation
 from inercal.methods.systematic.navigation_filter import LIVE_CHUNK, NavigationFilter
 from inercal.methods.systematic.segments import (
+    FILTER_NOISE,
     MIN_RESTS,
     Segments,
     require_imu,
@@ -114,7 +115,7 @@ class LiveNavigation:
         """Return the filter after the samples so far; None while they leave the azimuth open."""
         track = join_tracks(self._tracks)
         labels = tuple(f"rest {k + 1}" for k in range(self._ended_rests))
-        segments = segments_of_track(track, labels, self._model.sensor)
+        segments = segments_of_track(track, labels, self._model.sensor, FILTER_NOISE)
         model = replace(self._model, means=track.samples_are_means)
         start, known = filter_start(model, segments), model.known
         attitudes = attitudes_at(segments, model.imu, start.value, known.latitude.value)

@@ -12,7 +12,8 @@ still at rests, and velocity from rest to rest is zero. No angle of a table is u
 A bias that drifts by d_s in segment s moves the rows by the bias's own columns there, so that drift
 of covariance K between segments adds B K Bᵀ to the covariance of white noise. K is that of the
 sensor's stated noise (`inercal.methods.turntable.drift`): flicker is counted from its mean over the
-run, which the estimated bias includes.
+run, which the estimated bias includes. Rounding errors act in the same way; those of a gyro that
+does not turn are common to rests and turns.
 
 Gravity and latitude are parameters with the deviations that the bench states.
 """
@@ -72,6 +73,14 @@ class RestAndTurnRows:
         """Number of rests."""
         return len(self.segments.labels)
 
+    @property
+    def white(self) -> Array:
+        """Noise densities squared with rounding, which is white in motion, (6,) SI²/Hz."""
+        errors = self.segments.rounding
+        if errors is None:
+            return self.model.white
+        return self.model.white + errors.steps.step**2 / 12 * self.segments.dt
+
     @cached_property
     def labels(self) -> tuple[str, ...]:
         """What each row is called: "gx[p1]", "velocity east[p1 to p2]"."""
@@ -118,7 +127,7 @@ class RestAndTurnRows:
         by = self.model.with_biases.sensitivities(self.segments, self.model.add_biases(c), motion)
         done = integrate_navigation(
             self.segments, motion, attitudes[:-1], earth_rate(latitude), gravity, lag, by=by,
-            white=self.model.white,
+            white=self.white,
         )  # fmt: skip
         return done, self._columns
 
@@ -190,7 +199,7 @@ class RestAndTurnRows:
         result = np.zeros((count, _ROWS, count, _ROWS))
         seconds = self.segments.rest_seconds
         for k in range(m):
-            result[2 * k, :, 2 * k] = np.diag(self.model.white / seconds[k])
+            result[2 * k, :, 2 * k] = np.diag(self.white / seconds[k])
         # Noise turns the predicted attitude as +ψ, which the residual holds, and moves v by −.
         sign = np.repeat([1.0, -1.0], 3)
         for k in range(m - 1):
@@ -206,6 +215,8 @@ class RestAndTurnRows:
             self.segments.stop,
             self.segments.run,
         )
+        if self.segments.rounding is not None:
+            drift = drift + self.segments.rounding.covariance
         result += np.einsum("sac,stc,tbc->satb", by, drift, by)
         result = result.reshape(count * _ROWS, -1)
         return 0.5 * (result + result.T)

@@ -23,6 +23,8 @@ def rest_change_deviations(segments: Segments, sensor: Sensor) -> Array:
             noises, np.array([a, middle]), np.array([middle, b]), segments.run
         )
         variance = 4 * white / (b - a) + drift[0, 0] + drift[1, 1] - 2 * drift[0, 1]
+        if segments.rounding is not None:  # each half has an error
+            variance = variance + 2 * segments.rounding.steps.variance
         result[k] /= np.sqrt(variance)
     return result
 

@@ -8,11 +8,14 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.recording import Track, sample_count
+from inercal.recording import ReadingSteps, RoundingErrors, Track, sample_count
+from inercal.segments.reading_steps import reading_steps
 from inercal.sensors import Sensor
+from inercal.units import format_quantity
 
 Indices = NDArray[np.int64]
 MIN_RESTS = 6
+FILTER_NOISE = 0.5  # of a step, that the gyros of a filter have at least: it knows no rounding
 BLOCK_SECONDS = 0.1  # of samples over which sensitivities are summed
 
 
@@ -40,6 +43,8 @@ class Segments:
         Begin and end of the recording, s.
     means : bool
         Whether a sample is the mean of its reading over one period, not the reading at its time.
+    rounding : RoundingErrors or None
+        Errors of the means of rests and turns, in their order of time, by coarse steps.
     """
 
     labels: tuple[str, ...]
@@ -53,6 +58,7 @@ class Segments:
     stop: Array
     run: tuple[float, float]
     means: bool = False
+    rounding: RoundingErrors | None = None
 
     @property
     def rest_seconds(self) -> Array:
@@ -90,7 +96,9 @@ def require_imu(sensor: Sensor) -> None:
         )
 
 
-def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> Segments:
+def segments_of_track(
+    track: Track, labels: tuple[str, ...], sensor: Sensor, least_noise: float = 0.35
+) -> Segments:
     """Return the rests and turns of a track whose holds are numbered.
 
     Parameters
@@ -101,11 +109,14 @@ def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> 
         Of the rests, in their order.
     sensor : Sensor
         An IMU: three accelerometers, then three gyros.
+    least_noise : float
+        Of the gyros, in steps of their readings. Below the default, what a gyro reads at the ends
+        of its turns is off by its rounding.
 
     Raises
     ------
     InputError
-        Another sensor, or fewer than six rests.
+        Another sensor, fewer than six rests, or gyros whose steps hide their noise.
     """
     require_imu(sensor)
     rests = _rest_ranges(track.hold)
@@ -127,9 +138,13 @@ def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> 
         middle = (start + stop) // 2
         halves[0, k] = reading[start:middle].mean(axis=0)
         halves[1, k] = reading[middle:stop].mean(axis=0)
+    ranges = [(start, stop) for start, stop in rests.tolist()]
+    mean = np.stack([reading[a:b].mean(axis=0) for a, b in ranges])
+    coarse = reading_steps(reading, range(6), sensor, ranges, si=True)
+    _require_fine_gyros(coarse, sensor, float(np.median(np.diff(rests, axis=1))) * dt, least_noise)
     return Segments(
         labels=labels,
-        mean=np.stack([reading[a:b].mean(axis=0) for a, b in rests.tolist()]),
+        mean=mean,
         halves=halves,
         moving=np.concatenate([reading[a:b] for a, b in between]),
         first=(last - counts).astype(np.int64),
@@ -139,7 +154,40 @@ def segments_of_track(track: Track, labels: tuple[str, ...], sensor: Sensor) -> 
         stop=at[1:],
         run=(float(time[0] - 0.5 * dt), float(time[-1] + 0.5 * dt)),
         means=track.samples_are_means,
+        rounding=_rounding(reading, rests, coarse),
     )
+
+
+def _require_fine_gyros(
+    coarse: ReadingSteps, sensor: Sensor, seconds: float, least_noise: float
+) -> None:
+    """Refuse gyros whose steps hide their noise: rests then show neither bias nor Earth's rate."""
+    white = np.array([axis.noise.white**2 for axis in sensor.axes])
+    rates = np.array([axis.measures == "w" for axis in sensor.axes])
+    bad = np.flatnonzero(
+        rates & (coarse.noise < least_noise) & (coarse.variance > white / seconds)
+    ).tolist()
+    if not bad:
+        return
+    names = tuple(sensor.axes[k].name for k in bad)
+    step = format_quantity(float(coarse.step[bad].max()), 0.0, "°/s")
+    raise InputError(
+        f"the readings of {', '.join(names)} step by {step}, and their noise is below "
+        f"{least_noise:g} of a step, so that a rest shows neither their bias nor the Earth's rate; "
+        "record with a finer resolution or in a narrower range, or use method multi_position or "
+        "six_position",
+        names=names,
+    )
+
+
+def _rounding(reading: Array, rests: Indices, steps: ReadingSteps) -> RoundingErrors | None:
+    """Return the errors of the means of rests and turns."""
+    if not steps.variance.any():
+        return None
+    parts = [reading[a:b] for a, b in pairwise(rests.ravel().tolist())]
+    samples = np.array([len(part) for part in parts])
+    scatter = np.stack([part.std(axis=0) for part in parts])
+    return steps.errors_of_means(np.stack([p.mean(axis=0) for p in parts]), samples, scatter)
 
 
 def shift_forces(segments: Segments, samples: int) -> Segments:

@@ -27,6 +27,7 @@ from inercal.methods.temperature_ramp.course_nodes import CourseNodes, course_no
 from inercal.methods.temperature_ramp.thermometer_steps import find_crossings, thermometer_step
 from inercal.recording import Track
 from inercal.segments.drift import even_drift_covariance
+from inercal.segments.reading_steps import reading_steps
 from inercal.sensors import Noise, Sensor
 
 SHORTEST_BLOCK = 10.0  # s
@@ -39,6 +40,7 @@ _LEAST_BLOCKS = 30
 _SHORTEST_BLOCK_OF_STEPS = 4.0  # s
 _COARSE_STEP = 0.04  # K
 _LEAST_CROSSINGS = 4
+_LOOKED_AT = 60  # blocks, for the steps of the readings
 
 
 class NodeMeans(NamedTuple):
@@ -179,16 +181,33 @@ class RampBlocks:
         blocks += even_drift_covariance(noise, count, self.seconds)
         return _weighted(_weighted(blocks).T) if weighted else blocks
 
-    def whitening(self, sensor: Sensor) -> list[Array]:
+    def rounding_covariance(self, track: Track, sensor: Sensor) -> Array | None:
+        """Return the covariance of the means by coarse steps of the readings, (b, b, m) SI."""
+        n = track.time.size
+        length = max(1, round(n * self.seconds / float(track.time[-1] - track.time[0])))
+        starts = np.linspace(0, n - length, min(_LOOKED_AT, n // length)).astype(np.int64)
+        blocks = [(start, start + length) for start in starts.tolist()]
+        coarse = reading_steps(track.reading, range(len(sensor.axes)), sensor, blocks, si=True)
+        errors = coarse.errors_of_means(self.reading)
+        return None if errors is None else errors.covariance
+
+    def whitening(self, sensor: Sensor, rounding: Array | None = None) -> list[Array]:
         """Return L⁻¹ of each axis, (b, b), with the noise's covariance L Lᵀ.
+
+        Parameters
+        ----------
+        sensor : Sensor
+        rounding : (b, b, m) array, optional
+            Covariance of the means by coarse steps of the readings.
 
         Raises
         ------
         InputError
             An axis without white noise.
         """
-        found: dict[Noise, Array] = {}
-        for axis in sensor.axes:
+        found: dict[tuple[Noise, int], Array] = {}
+        keys = [(axis.noise, k * (rounding is not None)) for k, axis in enumerate(sensor.axes)]
+        for axis, key in zip(sensor.axes, keys, strict=True):
             if not axis.noise.white:
                 section = "accelerometer" if axis.measures == "f" else "gyro"
                 raise InputError(
@@ -197,11 +216,14 @@ class RampBlocks:
                     key=f"[sensor.{section}] white",
                     names=(axis.name,),
                 )
-            if axis.noise not in found:
-                factor = np.linalg.cholesky(self.noise_covariance(axis.noise))
+            if key not in found:
+                covariance = self.noise_covariance(axis.noise)
+                if rounding is not None:
+                    covariance = covariance + rounding[..., key[1]]
+                factor = np.linalg.cholesky(covariance)
                 inverse = np.linalg.solve(factor, np.eye(self.time.size))
-                found[axis.noise] = np.asarray(inverse, dtype=np.float64)
-        return [found[axis.noise] for axis in sensor.axes]
+                found[key] = np.asarray(inverse, dtype=np.float64)
+        return [found[key] for key in keys]
 
     @cached_property
     def rises(self) -> float:

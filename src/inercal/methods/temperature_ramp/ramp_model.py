@@ -163,7 +163,7 @@ def ramp_model(
     return RampModel(
         blocks,
         sensor,
-        blocks.whitening(sensor),
+        blocks.whitening(sensor, blocks.rounding_covariance(track, sensor)),
         tuple(nuisances),
         0.0 if stated is None else stated.value,
         environment.warm_up,

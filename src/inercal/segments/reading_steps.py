@@ -1,0 +1,150 @@
+"""The steps to which the channels of a recording are rounded, and their noise in the rests.
+
+A channel whose rests span many levels needs no correction and is not looked at further. Else the
+step is that of the whole channel, movement included. A channel that stays at one value in rests,
+beside which a range is never read, has a dead band there: the true value may be anywhere in it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.recording.rounding import NOISY, ReadingSteps
+from inercal.sensors import Sensor
+from inercal.uncertainty.rounding import Ladder, noise_lower_bound, rounding_ladder
+
+_LOOKED_AT = 400  # samples of a rest, to count its levels
+_FEW = 12  # levels in them, beyond which the noise is above a step
+_LARGE = 0.9  # steps of noise, of which rounding leaves a millionth
+_EVEN = 1e-3  # of a step
+_COARSER = 0.7  # of the step at rest: a smaller one of the whole channel is that of its text
+_OFTEN = 3  # samples at one value that are no single spike
+_WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
+_BESIDE = 6  # gaps that say how wide the others are
+
+
+def reading_steps(
+    data: Array,
+    columns: Sequence[int],
+    sensor: Sensor,
+    rests: Sequence[tuple[int, int]],
+    *,
+    si: bool = False,
+) -> ReadingSteps:
+    """Return how the channels are rounded.
+
+    Parameters
+    ----------
+    data : (..., n, k) array
+        Data of the recording, output units; of several trials the first is looked at.
+    columns : sequence of m int
+        Columns of the sensor's axes.
+    sensor : Sensor
+    rests : sequence of (int, int)
+        Half-open ranges of samples at rest.
+    si : bool
+        Whether the data are in SI already.
+    """
+    one: Array = data.reshape(-1, *data.shape[-2:])[0]
+    scale = np.array([1.0 if si else abs(axis.readout.scale) for axis in sensor.axes])
+    m = len(columns)
+    step, noise, text = np.zeros(m), np.full(m, NOISY), np.zeros(m)
+    dead = np.zeros(m, dtype=np.bool_)
+    unknown: list[int] = []
+    for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
+        stated = axis.noise.quantisation * float(scale[k])
+        own = [one[start:stop, column] for start, stop in rests]
+        few = bool(own) and _has_few_levels(own)
+        lonely = _lonely_value(own) if own else None
+        stepped = bool(own) and (stated > 0 or few) and not _averages_out(own, stated)
+        if lonely is None and not stepped:
+            continue
+        levels = np.unique(one[:, column])
+        ladder = rounding_ladder(levels) if stepped else None
+        least = max(stated, _COARSER * _step_at_rest(own))
+        if stepped and (ladder is None or ladder.step < least):
+            ladder = _coarse_ladder(levels, own, stated)
+        band = 0.0 if lonely is None else _dead_band(levels, lonely)
+        if band > (0.0 if ladder is None else ladder.step):
+            step[k], noise[k], dead[k] = band, 0.0, True
+        elif ladder is None:
+            unknown += [k] * stepped
+        else:
+            noise[k] = min(noise_lower_bound([ladder.places(y) for y in own]), NOISY)
+            step[k], text[k] = ladder.step, ladder.off
+    step, text = step / scale, text / scale
+    for k in unknown:  # a channel of one value: its step is that of the others
+        kind = sensor.axes[k].measures
+        like = [float(step[j]) for j in range(m) if sensor.axes[j].measures == kind]
+        step[k], noise[k] = min([one for one in like if one], default=0.0), 0.0
+    return ReadingSteps(np.where((noise < NOISY) | (text > 0), step, 0.0), noise, dead, text)
+
+
+def _coarse_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladder | None:
+    """Return the levels by the stated step or that at rest, or else by the smallest gap."""
+    step = max(stated, _step_at_rest(rests))
+    if not step and levels.size > 1 and _has_few_levels(rests):
+        step = float(np.diff(levels).min())
+    return Ladder(step, float(rests[0][0]), 0.0) if step else None
+
+
+def _step_at_rest(rests: Sequence[Array]) -> float:
+    """Return the smallest gap of two levels that one rest reads; 0 where each reads one value.
+
+    Noise reaches neighbouring levels: nothing between two levels means no level.
+    """
+    gaps = [float(np.min(np.diff(np.unique(y)), initial=np.inf)) for y in rests]
+    least = min(gaps, default=np.inf)
+    return least if np.isfinite(least) else 0.0
+
+
+def _has_few_levels(rests: Sequence[Array]) -> bool:
+    """Return whether most rests span few levels."""
+    few = sum(np.unique(_some(y)).size <= _FEW for y in rests)
+    return 2 * few >= len(rests)
+
+
+def _some(y: Array) -> Array:
+    """Return some of the samples of a rest, evenly spread."""
+    return y[:: max(1, y.size // _LOOKED_AT)]
+
+
+def _lonely_value(rests: Sequence[Array]) -> float | None:
+    """Return the value of rests beside which they read nothing near, as in a dead band; or None."""
+    values, counts = np.unique(np.concatenate([_some(y) for y in rests]), return_counts=True)
+    gaps = np.diff(values)
+    if not gaps.size:
+        return float(values[0])
+    wide = _WIDE * float(np.median(gaps)) if gaps.size > _BESIDE else 0.0
+    sides = np.concatenate([[np.inf], gaps, [np.inf]])
+    widest = int(np.argmax(gaps))
+    for k in (int(np.argmax(counts)), widest, widest + 1):
+        if counts[k] >= _OFTEN and float(sides[k : k + 2].min()) >= wide:
+            return float(values[k])
+    return None
+
+
+def _averages_out(rests: Sequence[Array], stated: float) -> bool:
+    """Return whether the noise is as large as the steps, which are even: nothing is to be done."""
+    step = max(stated, _step_at_rest(rests))
+    scatter = float(np.median([y.std() for y in rests]))
+    if not step or scatter < _LARGE * step:
+        return False
+    if stated >= step:
+        return True
+    gaps = np.diff(np.unique(np.concatenate(rests))) / step
+    return float(np.abs(gaps - np.rint(gaps)).max()) < _EVEN
+
+
+def _dead_band(levels: Array, value: float) -> float:
+    """Return the width of the range about a value that is never read; 0 if none.
+
+    The true value may be as far away as the nearest reading on either side.
+    """
+    place, gaps = int(np.searchsorted(levels, value)), np.diff(levels)
+    widest = 0.0
+    for beside in (gaps[:place][::-1], gaps[place:]):
+        if beside.size > _BESIDE and beside[0] > _WIDE * np.median(beside[1 : 1 + _BESIDE]):
+            widest = max(widest, float(beside[0]))
+    return 2 * widest
