@@ -35,7 +35,6 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from inercal.advice import Advice, Change
 from inercal.estimate import Estimate, ScoreTest
 from inercal.estimate.scores import (
     PARALLEL_COSINE,
@@ -47,6 +46,7 @@ from inercal.estimate.scores import (
     remaining_p_value,
 )
 from inercal.recording import Finding
+from inercal.run_file_advice import Advice, Change
 from inercal.uncertainty.coverage import COVERAGE
 
 Grade = Literal["consistent", "reservations", "unreliable"]

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from inercal.advice import Advice, Change
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, SuspectedCause, Verdict
 from inercal.errors import InputError
+from inercal.run_file_advice import Advice, Change
 
 
 def as_object(verdict: Verdict) -> dict[str, Any]:

@@ -35,9 +35,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from inercal.advice import Change
 from inercal.arrays import Array
 from inercal.estimate.lazy_value import LazyValue
+from inercal.run_file_advice import Change
 
 Kind = Literal["coefficient", "bench", "row", "time"]
 

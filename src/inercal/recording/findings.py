@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from inercal.advice import Change
+from inercal.run_file_advice import Change
 
 Severity = Literal["note", "warning", "refused"]
 
