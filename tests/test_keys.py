@@ -14,6 +14,8 @@ from inercal.keys import CoefficientName, ErrorName, ObservationName
 SOURCE = Path(inercal.__file__).parent
 # Modules, files and numbers are taken apart at their dots; no names of this project.
 OTHER_TEXT = {
+    # Sections of a run file, "sensor.gyro".
+    "run_file_advice.py",
     "keys.py",
     "errors.py",
     # Names of files.

@@ -61,12 +61,23 @@ def test_an_imu_in_rates_and_poses_is_consistent_and_reported(folder: Path, tmp_
     assert max(sd[f"a{a}.k1"] for a in "xyz") < 1e-4
 
 
-def test_terms_that_are_left_out_are_named(folder: Path):
-    path = changed(folder / "gyros.toml", ('also = ["nonlinearity", "asymmetry"]\n', ""))
+def test_one_term_that_is_left_out_is_named(folder: Path):
+    stated = 'also = ["nonlinearity", "asymmetry"]\n'
+    path = changed(folder / "gyros.toml", (stated, 'also = ["scale2", "asymmetry"]\n'))
     outcome = calibrate(path)
     assert outcome.verdict.grade == "unreliable"
     assert outcome.verdict.suspect is not None
-    assert CoefficientName(outcome.verdict.suspect.name).term in ("scale3", "scale_prime", "scale2")
+    assert CoefficientName(outcome.verdict.suspect.name).term == "scale3"
+
+
+def test_three_terms_that_are_left_out_are_no_single_cause(folder: Path):
+    path = changed(folder / "gyros.toml", ('also = ["nonlinearity", "asymmetry"]\n', ""))
+    verdict = calibrate(path).verdict
+    assert verdict.grade == "unreliable"
+    assert verdict.suspect is None
+    assert verdict.best is not None
+    assert CoefficientName(verdict.best.name).term in ("scale3", "scale_prime", "scale2")
+    assert verdict.best.remaining_p_value < 0.01
 
 
 def test_a_wrong_reading_is_named_with_its_row(folder: Path):

@@ -19,7 +19,7 @@ import inercal
 from inercal.benches import Hand
 from inercal.calibration.grade import assess
 from inercal.estimate import Candidate, Estimate, Problem, least_squares
-from inercal.estimate.scores import SIGNIFICANCE_LEVEL
+from inercal.estimate.scores import SIGNIFICANCE_LEVEL, Kind
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import ramp, rest
 from inercal.pipeline import Outcome
@@ -119,14 +119,14 @@ def test_a_cubic_scale_is_recommended_only_where_the_rates_determine_it():
     assert not any("scale3" in given.coefficients for given in one.verdict.advice)
 
 
-def line(extra: Array, readings: Array, **stated: Any) -> Estimate:
+def line(extra: Array, readings: Array, kind: Kind = "bench", **stated: Any) -> Estimate:
     """Return the fit of a constant to readings of sd 1, with one candidate."""
     rows = len(readings)
     design = np.ones((rows, 1))
 
     def candidates(_: Array) -> list[Candidate]:
         names = tuple(f"c{k}" for k in range(extra.shape[1]))
-        return [Candidate("cause", "bench", names, ("m",) * len(names), extra, **stated)]
+        return [Candidate("cause", kind, names, ("m",) * len(names), extra, **stated)]
 
     return least_squares(
         Problem(
@@ -151,8 +151,8 @@ def test_a_cause_that_uses_up_the_degrees_of_freedom_is_not_named():
 def test_a_cause_of_impossible_size_is_not_named():
     ramp_of_rows = np.linspace(-1, 1, 20)[:, None]
     readings = 30 * ramp_of_rows[:, 0] + np.random.default_rng(1).standard_normal(20)
-    possible = line(ramp_of_rows, readings, largest=np.array([30.0]))
-    impossible = line(ramp_of_rows, readings, largest=np.array([10.0]))
+    possible = line(ramp_of_rows, readings, "coefficient", largest=np.array([30.0]))
+    impossible = line(ramp_of_rows, readings, "coefficient", largest=np.array([10.0]))
     assert assess(possible, 1).suspect is not None
     assert assess(impossible, 1).best is None
 

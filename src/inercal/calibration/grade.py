@@ -15,7 +15,7 @@ tests where nothing is scored. The grade is::
 The best of the causes tested is the candidate with the smallest p-value, if it explains the
 residuals better than a scatter of all rows does: the remaining residuals agree with the stated
 noise, or are small compared with the explained part (F test). It must leave a degree of freedom,
-and its size must be plausible: not beyond the largest plausible size by more than 6 standard
+and a coefficient must be plausible: not beyond its largest plausible size by more than 6 standard
 deviations. Where what is estimated takes up all but a thousandth of its effect, it must not depart
 from what is stated of it by more than 6 standard deviations. It is the suspect where what it leaves
 unexplained is not significant; otherwise no single cause explains the residuals. Candidates whose
@@ -38,7 +38,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 import scipy
 
-from inercal.advice import Advice, Change
 from inercal.estimate import Estimate, ScoreTest
 from inercal.estimate.scores import (
     PARALLEL_COSINE,
@@ -50,6 +49,7 @@ from inercal.estimate.scores import (
     remaining_p_value,
 )
 from inercal.recording import Finding, RoundedChannel
+from inercal.run_file_advice import Advice, Change
 from inercal.uncertainty.coverage import COVERAGE
 
 Grade = Literal["consistent", "reservations", "unreliable"]
@@ -436,7 +436,7 @@ def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
     """Return whether a candidate explains the residuals better than a scatter of all rows.
 
-    One that leaves no degree of freedom, that is larger than anything plausible, or that
+    One that leaves no degree of freedom, that is implausibly large, or that
     contradicts its own statement explains nothing.
     """
     score_tests = estimate.score_tests

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from inercal.advice import Advice
 from inercal.calibration.advising import CHANGE_PREFIX, changes_text
 from inercal.calibration.detectability import coefficient_definition
 from inercal.calibration.grade import SuspectedCause
 from inercal.estimate.scores import Kind
 from inercal.parameters import Parameter
+from inercal.run_file_advice import Advice
 from inercal.sensors import Sensor
 from inercal.units import format_quantity, format_value_and_uncertainty
 

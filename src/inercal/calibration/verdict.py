@@ -5,7 +5,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from inercal.advice import Advice
 from inercal.calibration.advising import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
 from inercal.calibration.detectability import (
     UndetectableCause,
@@ -31,6 +30,7 @@ from inercal.estimate.scores import SIGNIFICANCE_LEVEL
 from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
 from inercal.recording import Finding, merge_messages
+from inercal.run_file_advice import Advice
 from inercal.sensors import G0, Sensor
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty

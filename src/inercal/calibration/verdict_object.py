@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from inercal.advice import Advice, Change
 from inercal.calibration.grade import (
     GRADE_WORDS,
     HypothesisTest,
@@ -14,6 +13,7 @@ from inercal.calibration.grade import (
 )
 from inercal.errors import InputError
 from inercal.recording import RoundedChannel
+from inercal.run_file_advice import Advice, Change
 
 
 def as_object(verdict: Verdict) -> dict[str, Any]:

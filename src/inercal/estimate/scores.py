@@ -35,9 +35,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from inercal.advice import Change
 from inercal.arrays import Array
 from inercal.estimate.lazy_value import LazyValue
+from inercal.run_file_advice import Change
 
 Kind = Literal["coefficient", "bench", "row", "time"]
 
@@ -242,8 +242,11 @@ class ScoreTest:
 
     @property
     def is_implausible(self) -> bool:
-        """Whether a component is larger than the largest plausible size, by more than 6 sd."""
-        if self.largest is None:
+        """Whether a coefficient is larger than the largest plausible size, by more than 6 sd.
+
+        A statement may be wrong by anything: a mounting, by a mistyped angle.
+        """
+        if self.largest is None or self.kind != "coefficient":
             return False
         beyond = np.abs(np.nan_to_num(self.size)) - self.largest
         return bool(np.any(beyond > _CONTRADICTION * np.nan_to_num(self.sd)))

@@ -12,7 +12,6 @@ from math import ceil, floor, log10
 
 import numpy as np
 
-from inercal.advice import Advice, Change, with_changes
 from inercal.benches.key_declarations import declarations
 from inercal.calibration.advising import action_on, also
 from inercal.calibration.grade import SuspectedCause
@@ -20,6 +19,7 @@ from inercal.errors import InercalError
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
+from inercal.run_file_advice import Advice, Change, with_changes
 from inercal.runfile import Run, from_sections
 from inercal.units import Measured
 

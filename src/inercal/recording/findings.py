@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from inercal.advice import Change
+from inercal.run_file_advice import Change
 
 Severity = Literal["note", "warning", "refused"]
 _APART = 5  # messages of one cause that stay apart

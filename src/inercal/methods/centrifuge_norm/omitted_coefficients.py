@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.advice import Change
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import NotObserved
 from inercal.estimate import Gaussian, least_squares
@@ -24,6 +23,7 @@ from inercal.methods.centrifuge_norm.screening import (
 )
 from inercal.plan import Spin
 from inercal.recording import Observations
+from inercal.run_file_advice import Change
 from inercal.sensors import Sensor
 
 CANDIDATE_GROUPS = ("k3", "koq", "nonorthogonality")  # observed by norms, as in [method] also

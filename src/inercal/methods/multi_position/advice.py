@@ -5,7 +5,6 @@
 import numpy as np
 import scipy
 
-from inercal.advice import Change
 from inercal.arrays import Array
 from inercal.earth import COMPUTED_GRAVITY_SD
 from inercal.estimate import Estimate
@@ -13,6 +12,7 @@ from inercal.methods.multi_position.attitude_coverage import GeometryErrors, nex
 from inercal.methods.multi_position.coverage_requirements import attitudes_in_words
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.recording import Finding
+from inercal.run_file_advice import Change
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 

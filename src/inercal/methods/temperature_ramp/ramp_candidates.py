@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from inercal.advice import Change
 from inercal.arrays import Array
 from inercal.estimate import Candidate
 from inercal.keys import CoefficientName
 from inercal.methods.candidates import extended_sensor
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
+from inercal.run_file_advice import Change
 from inercal.sensors import SI_UNITS
 
 _UNITS = {"f": "m/s²", "w": "rad/s"}
