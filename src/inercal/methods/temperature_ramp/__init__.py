@@ -69,7 +69,7 @@ def ramp(
     InputError
         No temperature, no white noise, too short a recording, or a warm-up of a one-way ramp.
     NotObserved
-        A lag that a coarse thermometer does not determine on a one-way ramp.
+        A lag that a coarse thermometer does not determine.
     """
     model = ramp_model(observations, sensor, environment)
     found = environment or Environment("ramp")
