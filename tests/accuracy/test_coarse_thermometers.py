@@ -68,9 +68,19 @@ def test_an_unrounded_thermometer_has_no_step(noise: float):
     assert thermometer_step(kelvin) is None
 
 
-@pytest.mark.parametrize("warm", [WarmUp(step=0.0), WarmUp(step=0.01), WarmUp(back=True)])
-def test_fine_thermometers_and_both_ways_are_smoothed_as_before(warm: WarmUp):
-    assert blocks(warm).course is None
+@pytest.mark.parametrize("back", [False, True])
+def test_fine_thermometers_are_smoothed_and_coarse_ones_are_not(back: bool):
+    assert blocks(WarmUp(step=0.0, back=back)).course is None
+    assert blocks(WarmUp(step=0.01, back=back)).course is None
+    assert blocks(WarmUp(step=1.0, back=back)).course is not None
+
+
+def test_whole_degrees_up_and_down_give_the_lag_to_a_second():
+    warm = WarmUp(back=True, minutes=20.0, constant=300.0)
+    off, u, terms = errors(fitted(warm, (1, 3)), warm)
+    assert u < 0.5
+    assert abs(off) < 3 * u
+    assert (np.abs(terms) < 4).all()
 
 
 @pytest.mark.parametrize("refreshed", [1.3, 5.0])

@@ -169,7 +169,10 @@ def first_impossible(kelvin: Array, *, allowed: bool = False) -> int | None:
 
 def seems_kelvin(values: Array) -> bool:
     """Return whether temperatures, (n,), are those of a bench in K, from −60 °C on."""
-    return float(np.nanmin(values)) >= _LEAST_KELVIN and first_impossible(values) is None
+    finite = values[np.isfinite(values)]
+    if not finite.size or first_impossible(finite) is not None:
+        return False
+    return float(finite.min()) >= _LEAST_KELVIN
 
 
 def impossible_text(kelvin: float, remedy: str = ALLOW) -> str:

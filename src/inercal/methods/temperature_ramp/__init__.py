@@ -8,7 +8,7 @@ b is the polynomial of the coefficients beyond the constant, R what the temperat
 its lag, common to all axes, and a a constant: of a gyro the bias and what it senses of the earth's
 rate, of an accelerometer the bias and its part of gravity. The noise is that which [sensor] states;
 generalised least squares weigh blocks of samples by it. A thermometer that reports whole or half
-degrees is followed along the instants at which its reading changes, on a one-way ramp
+degrees is followed along the instants at which its reading changes
 (`inercal.methods.temperature_ramp.node_fit`).
 
 Only biases are found: scale factors need motion. Of an accelerometer that reads the vertical part
@@ -69,7 +69,7 @@ def ramp(
     InputError
         No temperature, no white noise, too short a recording, or a warm-up of a one-way ramp.
     NotObserved
-        A lag that a coarse thermometer does not determine on a one-way ramp.
+        A lag that a coarse thermometer does not determine.
     """
     model = ramp_model(observations, sensor, environment)
     found = environment or Environment("ramp")

@@ -10,8 +10,8 @@ the noise of the temperature sensor does not bias τ. White noise N, bias instab
 walk K of an axis give the covariance of the weighted means; a constant of each axis is estimated
 beside, which takes the part of the drift that all blocks share.
 
-On a one-way ramp a thermometer that reports whole or half degrees says when it passes a step, and
-smoothing destroys that: there the course is a spline through the crossings, whose nodes are
+A thermometer that reports whole or half degrees says when it passes a step, and smoothing destroys
+that: there the course is a spline through the crossings, whose nodes are
 estimated (`inercal.methods.temperature_ramp.course_nodes`), and blocks are shorter and unweighted.
 """
 
@@ -73,7 +73,7 @@ class RampBlocks:
     seconds : float
         Length of a block.
     course : NodeMeans or None
-        Of a coarse thermometer on a one-way ramp: `kelvin` and `rate` are then those of its nodes
+        Of a coarse thermometer: `kelvin` and `rate` are then those of its nodes
         before the fit, and the means are plain.
     samples : int
         In a block.
@@ -117,7 +117,7 @@ class RampBlocks:
         if step is None or step < _COARSE_STEP:
             return found
         found = replace(found, step=step)
-        return (cls._along_steps(track, step) if found.is_monotonic else None) or found
+        return cls._along_steps(track, step) or found
 
     @classmethod
     def _of_length(cls, track: Track, length: float) -> "RampBlocks":

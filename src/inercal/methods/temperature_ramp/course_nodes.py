@@ -79,15 +79,21 @@ def course_nodes(crossings: Crossings, ends: tuple[float, float], first: float, 
     length = np.diff(fixed)
     free: list[float] = []
     width: list[float] = []
+    beyond: list[float] = []
     for k, one in enumerate(length.tolist()):
         at_end = k in (0, length.size - 1)
+        # Between two crossings of one boundary the course turns, anywhere short of the next one.
+        turns = not at_end and values[k] == values[k + 1]
+        turn = 0.5 * crossings.spacing * float(np.sign(values[k] - values[k - 1])) if turns else 0.0
         neighbours = [float(length[n]) for n in (k - 1, k + 1) if 0 <= n < length.size]
         ratio = one / min(neighbours)
         many = ratio if at_end or ratio > _LONG else 1.0
         count = int(np.clip(round(many), 1, _MOST_FREE_POINTS))
         free += (fixed[k] + one * (np.arange(count) + 1) / (count + 1)).tolist()
-        width += [crossings.spacing * (_FREE_AT_ENDS if at_end else _FREE)] * count
-    between = scipy.interpolate.PchipInterpolator(fixed, values)(np.array(free))
+        wide = _FREE_AT_ENDS if at_end or turns else _FREE
+        width += [crossings.spacing * wide] * count
+        beyond += [turn] * count
+    between = scipy.interpolate.PchipInterpolator(fixed, values)(np.array(free)) + np.array(beyond)
     order = np.argsort(np.concatenate([fixed, free]))
 
     def ordered(*parts: Array | list[float]) -> Array:

@@ -36,7 +36,7 @@ LEAST_GAIN = 60.0  # of χ² by a lag; between the good and the bad cases that w
 def fit_along_nodes(
     model: RampModel, priors: Sequence[Gaussian], environment: Environment
 ) -> Estimate:
-    """Return the estimate of a one-way ramp with a coarse thermometer.
+    """Return the estimate of a ramp with a coarse thermometer.
 
     A stated lag with its uncertainty is a prior where the data determine a lag, and is taken as
     stated where they do not.
@@ -55,7 +55,7 @@ def fit_along_nodes(
         The lag is not stated and not determined, or a coefficient of the temperature's rate is to
         be estimated.
     """
-    if model.sensor.uses("dTdt"):
+    if model.sensor.uses("dTdt") and model.blocks.is_monotonic:
         raise _rate_not_observed(model)
     if LAG not in model.nuisances:
         return _fit(model, priors, environment, 0.0)
@@ -104,6 +104,7 @@ def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
     course = model.blocks.course
     assert course is not None
     crossings = course.nodes.crossings
+    one_way = " while the temperature goes one way" if model.blocks.is_monotonic else ""
     begun = ""
     if is_one_exponential(crossings):
         begun = (
@@ -116,7 +117,7 @@ def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
     shift = model.largest_shift(x, k) / size
     return NotObserved(
         f"not observed: lag, the time by which the thermometer is behind. It reports steps of "
-        f"{crossings.step:.3g} K while the temperature goes one way, and without lag χ² is larger "
+        f"{crossings.step:.3g} K{one_way}, and without lag χ² is larger "
         f"by only {max(gain, 0.0):.0f} (less than {LEAST_GAIN:g}): b(T) is shifted by b′ Ṫ τ, up "
         f"to {shift:.2g} {unit} a second of lag on {axis.name}; {begun}go up and down, or state "
         "[environment] lag with its uncertainty",
@@ -174,6 +175,11 @@ class NodeProblem:
             for one, diagonal in zip(model.whitening, diagonals, strict=True)
         )
         self._diagonals = diagonals
+
+    def solved(self, x: Array) -> RampModel:
+        """Return the model with the nodes that fit parameters x."""
+        self.linearise(x)
+        return self._model._replace(node_shift=self._shift)
 
     def linearise(self, x: Array) -> tuple[Array, Array]:
         """Return the p + 1 residuals that the nodes leave, and their Jacobian to x."""

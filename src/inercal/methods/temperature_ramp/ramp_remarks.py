@@ -8,6 +8,7 @@ from inercal.arrays import Array
 from inercal.environment import Environment
 from inercal.methods._base import Fit, Remarks
 from inercal.methods.temperature_ramp.blocks import RampBlocks
+from inercal.methods.temperature_ramp.node_fit import NodeProblem
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel, ramp_model
 from inercal.recording import Finding
 from inercal.sensors.coefficient_tables import BIAS_UNITS
@@ -83,6 +84,8 @@ def lag_and_rate_correlation(blocks: RampBlocks, slope: Array, whitening: Array)
 def remarks(fit: Fit[Any, Any]) -> Remarks:
     """Return findings, notes and conditions of a ramp."""
     model, x = ramp_model(fit.observations, fit.sensor, fit.environment), fit.estimate.value
+    if model.blocks.course is not None:
+        model = NodeProblem(model).solved(x)
     blocks, sensor = model.blocks, model.sensor
     loops = _loop_conditions(model, x)
     correlation = float(np.corrcoef(blocks.kelvin, blocks.time)[0, 1])
