@@ -15,7 +15,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.io.column_table import BLOCK_ROWS, row_blocks
-from inercal.recording import Finding, Recording
+from inercal.recording import Finding, Recording, sample_count
 from inercal.sensors import G0, Sensor
 
 LARGEST_BIAS = radians(20.0)  # rad/s, of a gyro at rest
@@ -128,7 +128,7 @@ def norm_at_rest(sensed: Callable[[slice], Array], recording: Recording) -> floa
         Of n samples.
     """
     n = recording.time.size
-    window = max(2, min(round(_WINDOW_S * recording.rate_hz), n))
+    window = max(2, min(sample_count(_WINDOW_S, recording.median_step), n))
     scatter: list[Array] = []
     mean: list[Array] = []
     for rows in row_blocks(n // window * window, -(-BLOCK_ROWS // window) * window):

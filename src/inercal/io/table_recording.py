@@ -46,7 +46,8 @@ class Columns:
         Keys of a run file that a message names: the unit of the time column, and the rate that may
         replace the column.
     origin : Fraction or None
-        Time 0 by the clock of the stamps, ns, since 1970 of dates; None for the first row's time.
+        Time 0 by the clock of the stamps, ns, since 1970 of dates; None for the first row's time,
+        which 0 means too for dates.
     label : str or None
         Column that names the section of each sample.
     temperature : str or None
@@ -220,7 +221,7 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
                 names=(name,),
             )
         cells: list[str] = table.columns[name].tolist()
-        return SampleTimes(*times_from_iso(cells, name, table, columns.origin))
+        return SampleTimes(*times_from_iso(cells, name, table, columns.origin or None))
     if name is None:
         return SampleTimes(np.arange(n, dtype=np.float64) / (columns.rate_hz or 1.0))
     counter = table.stamps(name)

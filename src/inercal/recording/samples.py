@@ -28,7 +28,7 @@ def sample_count(seconds: float, step: float) -> int:
     >>> [sample_count(0.1, step) for step in (0.04, 0.0399999)]
     [2, 2]
     """
-    return round(round(seconds / step, 3))
+    return round(round(seconds / step, 2))
 
 
 def line_of_row(row: int, first_line: int, breaks: LineBreaks) -> int | None:
@@ -183,8 +183,8 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """One over the median time between samples, Hz, to the digits that rounded stamps leave."""
-        return float(f"{1 / self.median_step:.5g}")
+        """One over the median time between samples, Hz."""
+        return 1 / self.median_step
 
     @cached_property
     def gaps(self) -> Indices:

@@ -16,7 +16,7 @@ import numpy as np
 
 from inercal.errors import InputError
 from inercal.plan import Hold
-from inercal.recording import Finding, Mark, Observations, Recording, Transitions
+from inercal.recording import Finding, Mark, Observations, Recording, Transitions, sample_count
 from inercal.sensors import Sensor, inverse
 
 INVALID_SAMPLES = ("saturation", "stuck")
@@ -130,7 +130,7 @@ def transitions_between_rests(
     """
     columns = [recording.channels.index(name) for name in sensor.channels]
     in_place = columns == list(range(len(recording.channels)))
-    weighted = max(round(WEIGHTED_DURATION * recording.rate_hz), 1)
+    weighted = max(sample_count(WEIGHTED_DURATION, recording.median_step), 1)
     length = np.array([min(mark.stop - mark.start, weighted) for mark in marks])
     begin, end = np.array([(mark.start, mark.stop) for mark in marks]).T
     start, left = end[:-1] - length[:-1], end[:-1] - 1

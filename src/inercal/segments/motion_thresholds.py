@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.recording import Recording
+from inercal.recording import Recording, sample_count
 from inercal.sensors import Sensor
 
 Indices = NDArray[np.int64]
@@ -112,7 +112,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
 
 def window_samples(recording: Recording) -> int:
     """Return the samples of a window."""
-    return max(round(WINDOW * recording.rate_hz), 4)
+    return max(sample_count(WINDOW, recording.median_step), 4)
 
 
 def gapless_segments(recording: Recording) -> Indices:

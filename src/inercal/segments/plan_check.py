@@ -12,7 +12,7 @@ import numpy as np
 
 from inercal.errors import InputError
 from inercal.plan import HandStep, Hold, Turn, describe_direction
-from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.recording import Finding, Mark, Observations, Recording, sample_count
 from inercal.sensors import Sensor, inverse
 
 _NAMED = 12  # marks in a message
@@ -269,7 +269,7 @@ def check_turn_ends(
     columns = [recording.channels.index(name) for name in gyros.channels]
     rate = gyros.to_si(recording.data[:, columns])
     rest = np.mean([rate[mark.start : mark.stop].mean(axis=0) for mark in holds], axis=0)
-    window = max(round(_END * recording.rate_hz), 1)
+    window = max(sample_count(_END, recording.median_step), 1)
     findings: list[Finding] = []
     for mark in turns:
         turning = rate[mark.start : mark.stop] - rest

@@ -20,7 +20,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.estimate import ModelTest
 from inercal.estimate.section_statistics import largest_change_test
-from inercal.recording import HalfSectionChanges, Mark, Recording
+from inercal.recording import HalfSectionChanges, Mark, Recording, sample_count
 from inercal.sensors import Sensor, inverse
 
 _BLOCK = 0.25  # s
@@ -103,7 +103,7 @@ def bias_jump_test(
     columns = [recording.channels.index(name) for name in sensor.channels]
     whole = [sensor.to_si(recording.data[mark.start : mark.stop, columns]) for mark in marks]
     bias = np.mean([section[:, m:].mean(axis=0) for section in whole], axis=0)
-    block = max(round(_BLOCK * recording.rate_hz), 1)
+    block = max(sample_count(_BLOCK, recording.median_step), 1)
     scatter = [_block_mean_variance(section[:, :m] @ back, block) for section in whole]
     usual = float(np.median([one for one in scatter if one > 0] or [0.0]))
     wander = np.std([(section[:, m:].mean(axis=0) - bias) @ of_rate for section in whole], axis=0)

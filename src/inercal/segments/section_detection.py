@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array, true_ranges
 from inercal.errors import InputError
 from inercal.plan import HandStep, Hold, Turn
-from inercal.recording import Finding, Mark, Recording
+from inercal.recording import Finding, Mark, Recording, sample_count
 from inercal.segments.motion_thresholds import (
     KIND_NAMES,
     MotionThreshold,
@@ -141,7 +141,7 @@ def search_sections(
             "a column",
             names=sensor.channels,
         )
-    window = max(round(WINDOW * recording.rate_hz), 4)
+    window = max(sample_count(WINDOW, recording.median_step), 4)
     if y.shape[0] < 4 * window:
         raise InputError(
             f"{recording.source}: {recording.duration:.2g} s are too short to detect sections; "
@@ -236,7 +236,7 @@ def _sections(
         quiet &= channels[k].at_rest(limits[k], rate=k in rate)
     for before, after in recording.gaps:
         quiet[before : after + 1] = False
-    margin, shortest = (round(s * recording.rate_hz) for s in (MARGIN, SHORTEST))
+    margin, shortest = (sample_count(s, recording.median_step) for s in (MARGIN, SHORTEST))
     rests = [
         (a + margin, b - margin)
         for a, b in true_ranges(quiet).tolist()
@@ -322,7 +322,7 @@ def _turns(
 ) -> list[Mark]:
     """Return the turns by the planned angle about the vertical, where gravity does not move."""
     bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
-    window = round(WINDOW * recording.rate_hz)
+    window = sample_count(WINDOW, recording.median_step)
     candidates: list[tuple[int, int, Array]] = []
     for a, b in true_ranges(~quiet).tolist():
         if b - a < 2:

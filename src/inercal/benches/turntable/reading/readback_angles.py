@@ -130,7 +130,8 @@ def add_table_angles(
 def _read_table_file(run: Source[TurntableData], origin: Fraction | None) -> Recording:
     """Return the table's file: its axes as channels, in units of their columns.
 
-    Times are counted from the `origin` of the recording.
+    Times are counted from the `origin` of the recording; those of its own clock where it has none,
+    as [bench] latency then states how far that clock is ahead.
     """
     data = run.data
     assert data.table_file is not None
@@ -140,7 +141,7 @@ def _read_table_file(run: Source[TurntableData], origin: Fraction | None) -> Rec
         time=str(data.table_time),
         time_unit=data.table_time_unit if "table_time_unit" in data.model_fields_set else None,
         time_keys=("table_time_unit", None),
-        origin=origin,
+        origin=Fraction(0) if origin is None else origin,
         nonfinite=data.nonfinite,
         options=file_reader_options(run, data.table_file),
     )
