@@ -22,7 +22,7 @@ import inercal
 from inercal.noise.channel_noise import ChannelNoise
 from inercal.recording import Recording
 
-RUNS = 16
+RUNS = 12
 DATA, PAGE = FOLDER / "filtered-noise.json", FOLDER / "filtered-noise.md"
 _FILTERS = {
     "none": FilteredTruth(),
@@ -191,8 +191,8 @@ def page(found: dict[str, Any]) -> str:
             f"| {_number(one, 'K covered')} |"
         )
     lines += ["", "## Sensors without a filter", "",
-              "A Gauss–Markov process has the spectrum of white noise behind one pole; beside white "
-              "noise of a fourth of its plateau it is told apart.", "",
+              "A Gauss–Markov process has the spectrum of white noise behind one pole; beside "
+              "white noise of a fourth of its plateau it is told apart.", "",
               "| truth | called a filter | refused | N: median, rms | covered |",
               "|---|---|---|---|---|"]  # fmt: skip
     for name, one in found["unfiltered"].items():

@@ -12,7 +12,8 @@ LEAST_COVERED = 0.95 - 3.3 * np.sqrt(0.95 * 0.05 / RUNS)
 RMS_N = {
     "none": 0.0017, "5 Hz, one pole": 0.0058, "20 Hz, one pole": 0.0033, "42 Hz, one pole": 0.0030,
     "average of 2": 0.0018, "20 Hz, Butterworth, 200 Hz": 0.0030, "none; B, K": 0.0021,
-    "5 Hz, one pole; B, K": 0.0087, "10 Hz, one pole; B, K": 0.0058, "20 Hz, one pole; B, K": 0.0043,
+    "5 Hz, one pole; B, K": 0.0087, "10 Hz, one pole; B, K": 0.0058,
+    "20 Hz, one pole; B, K": 0.0043,
     "42 Hz, one pole; B, K": 0.0035, "average of 2; B, K": 0.0024, "average of 4; B, K": 0.0023,
     "20 Hz, Butterworth, 200 Hz; B, K": 0.0031,
 }  # fmt: skip

@@ -1,8 +1,8 @@
 """Squared DCT-II coefficients of a recording in bins, whatever its length and gaps.
 
 A series of up to 2¹⁷ block means has one transform. Of a longer one, block means give the low
-frequencies and segments of 2¹⁷ samples, whose squares are averaged, those above. Pieces between
-gaps are transformed one by one, and their likelihoods add: nothing bridges a gap.
+frequencies and segments of as many samples at most, whose squares are averaged, those above.
+Pieces between gaps are transformed one by one, and their likelihoods add: nothing bridges a gap.
 """
 
 from collections.abc import Sequence
@@ -288,11 +288,11 @@ def piece_spectra(y: Array, dt: float) -> tuple[Spectrum, ...]:
         return (whole_spectrum(y, dt),)
     m = -(-y.size // LONGEST)
     blocks = whole_spectrum(block_means(y, m), dt * m)
-    segments = y[: y.size // LONGEST * LONGEST].reshape(-1, LONGEST)
-    power = np.zeros(LONGEST - 1)
-    for one in segments:
+    size = y.size // m  # so that few samples are left over
+    power = np.zeros(size - 1)
+    for one in y[: m * size].reshape(m, size):
         power += squared_coefficients(one)
-    return join_long(blocks, power / len(segments), len(segments), dt)
+    return join_long(blocks, power / m, m, dt)
 
 
 def join_long(blocks: Spectrum, power: Array, segments: int, dt: float) -> tuple[Spectrum, ...]:
@@ -302,15 +302,16 @@ def join_long(blocks: Spectrum, power: Array, segments: int, dt: float) -> tuple
     ----------
     blocks : Spectrum
         Of block means of the series.
-    power : (2¹⁷ − 1,) array
-        Averaged squares of the segments' coefficients.
+    power : (n − 1,) array
+        Averaged squares of the coefficients of segments of n values.
     segments : int
     dt : float
         Of the samples in the segments, s.
     """
     limit = int(_BLOCK_SHARE * blocks.n)
     frequency = limit / (2 * blocks.n * blocks.dt)
-    first = int(np.ceil(frequency * 2 * LONGEST * dt))
-    kept = np.ones(LONGEST - 1, dtype=bool)
-    high = Spectrum(LONGEST, dt, power, segments, max(first, 1), LONGEST, kept)
+    n = power.size + 1
+    first = int(np.ceil(frequency * 2 * n * dt))
+    kept = np.ones(n - 1, dtype=bool)
+    high = Spectrum(n, dt, power, segments, max(first, 1), n, kept)
     return replace(blocks, last=limit), high
