@@ -138,12 +138,16 @@ def estimate_at_solution(
 def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> WhitenedRows:
     """Return the rows of the problem's one trial at a point."""
     inverse, full = system.whitener(point.x)
+
+    def whiten(rows: Array) -> Array:
+        return inverse[0] @ rows if full else inverse[0][:, None] * rows
+
     return WhitenedRows(
         point.whitened[0],
         point.weight[0][:, None] * point.rows[0],
         point.prior[0],
         system.prior_rows,
-        lambda rows: inverse[0] @ rows if full else inverse[0][:, None] * rows,
+        whiten,
     )
 
 
