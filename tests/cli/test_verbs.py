@@ -179,7 +179,8 @@ def test_apply_corrects_a_recording_to_specific_force_and_rates(
     # x is up first: 4 s at rest. Before, its bias alone was 0.3 m/s² and gy's 0.5 °/s.
     rest = table[:200]
     norm = np.sqrt(rest["fx"] ** 2 + rest["fy"] ** 2 + rest["fz"] ** 2).mean()
-    assert norm == pytest.approx(9.81, abs=1e-3)
+    # The slopes of rests of 4 s leave a drift to the middle of the run open, to which k0 refers.
+    assert norm == pytest.approx(9.81, abs=3e-3)
     assert [rest[name].mean() for name in ("wx", "wy", "wz")] == pytest.approx([0] * 3, abs=3e-4)
     # A turn about x by 360°, within its declared half a degree, after six holds and six moves.
     start, stop = 50 * (6 * 4 + 6 * 2), 50 * (6 * 4 + 6 * 2 + 2 + 1 + 4)  # two pauses of 1.5 s
