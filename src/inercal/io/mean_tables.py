@@ -18,7 +18,7 @@ from inercal.io.atomic_files import atomic_write
 from inercal.io.column_table import TOO_LARGE, Array, Table, shorten
 from inercal.io.read import Columns, read_table
 from inercal.recording import Observations, ReadingSteps, rounded_channels, rounding_notes
-from inercal.recording.rounding import NOISY
+from inercal.recording.rounding_errors import NOISY
 from inercal.sensors import Axis, Sensor
 from inercal.uncertainty.rounding import last_digit
 
@@ -167,7 +167,7 @@ def observations_from_table(
         )
         notes = rounding_notes(sensor, rounding.channels)
         rounding = rounding.with_independent(digits.step**2 / 12 - digits.variance)
-        covariance = covariance + rounding.own[:, :, None] * np.eye(len(sensor.axes))
+        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(sensor.axes))
     return Observations(
         labels=labels,
         mean=mean,

@@ -108,7 +108,7 @@ def _recorded_noise(
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
     rounding, hidden = observations.rounding, np.zeros(len(sensor.axes), dtype=np.bool_)
     if rounding is not None:
-        variance = np.maximum(variance - rounding.own, 0.0)
+        variance = np.maximum(variance - rounding.variances, 0.0)
         hidden = (rounding.steps.step > 0) & (rounding.steps.noise < _SEEN)
     resting = np.array([not by_hand and _is_at_rest(step) for step in steps])
     duration = observations.duration[:, None]

@@ -6,7 +6,7 @@ trials, `(..., n, m)`; trials share times and labels.
 
 from inercal.recording.findings import Finding, Severity, merge_findings, merge_messages
 from inercal.recording.observations import MeansTrend, Observations, join_observations
-from inercal.recording.rounding import (
+from inercal.recording.rounding_errors import (
     ReadingSteps,
     RoundedChannel,
     RoundingErrors,

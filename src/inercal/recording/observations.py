@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.recording.rounding import RoundingErrors, join_rounding_errors
+from inercal.recording.rounding_errors import RoundingErrors, join_rounding_errors
 from inercal.recording.samples import Indices
 from inercal.recording.temperature_course import temperature_varies
 from inercal.recording.track import Track

@@ -227,7 +227,7 @@ def average_dwells(
             rounding, channels=rounded_channels(sensor, coarse, covariance, coarse.variance)
         )
         notes = rounding_notes(sensor, rounding.channels)
-        covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))
+        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(columns))
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])
     starts = np.array([recording.time[d.mark.start] for d in dwells])
     drift = drift_covariance(

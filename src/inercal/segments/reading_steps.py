@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.recording.rounding import NOISY, ReadingSteps
+from inercal.recording.rounding_errors import NOISY, ReadingSteps
 from inercal.sensors import Sensor
 from inercal.uncertainty.rounding import Ladder, noise_lower_bound, rounding_ladder
 
@@ -71,7 +71,7 @@ def reading_steps(
         elif ladder is None:
             unknown += [k] * stepped
         else:
-            noise[k] = min(noise_lower_bound([ladder.places(y) for y in own]), NOISY)
+            noise[k] = min(noise_lower_bound([ladder.indices(y) for y in own]), NOISY)
             step[k], text[k] = ladder.step, ladder.off
     step, text = step / scale, text / scale
     for k in unknown:  # a channel of one value: its step is that of the others

@@ -195,7 +195,7 @@ def observe(
         channels = rounded_channels(sensor, steps_of_readings, covariance, coarse)
         rounding = replace(rounding, channels=channels)
         notes = (*notes, *rounding_notes(sensor, channels))
-        covariance = covariance + rounding.own[:, :, None] * np.eye(len(columns))
+        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(columns))
     return Observations(
         labels=tuple(step.label for step in used),
         mean=mean,

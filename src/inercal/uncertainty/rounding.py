@@ -80,7 +80,7 @@ class Ladder(NamedTuple):
     first: float
     off: float
 
-    def places(self, readings: Array) -> NDArray[np.int64]:
+    def indices(self, readings: Array) -> NDArray[np.int64]:
         """Return the level k of each reading."""
         return np.rint((readings - self.first) / self.step).astype(np.int64)
 

@@ -153,7 +153,9 @@ class Rests:
         """Variance of each mean reading by rounding, (r, q), a part of `noise`."""
         found = self.observations.rounding
         return (
-            np.zeros(self.noise.shape[:2]) if found is None else found.own[:, : self.noise.shape[1]]
+            np.zeros(self.noise.shape[:2])
+            if found is None
+            else found.variances[:, : self.noise.shape[1]]
         )
 
     @cached_property

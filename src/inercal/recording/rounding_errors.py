@@ -153,7 +153,7 @@ class RoundingErrors:
     channels: tuple[RoundedChannel, ...] = ()
 
     @property
-    def own(self) -> Array:
+    def variances(self) -> Array:
         """Variance of each mean, (r, m)."""
         return np.diagonal(self.covariance, axis1=0, axis2=1).T
 
