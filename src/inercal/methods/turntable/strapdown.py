@@ -23,10 +23,6 @@ from inercal.methods.turntable.small_matrices import (
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 
 Indices = NDArray[np.int64]
-# Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
-# a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
-# standard deviations (25 × 6 variances of a sample) count as changes of acceleration.
-LINEAR_RATE_ERROR, LINEAR_RATE_THRESHOLD = 0.09, 150.0
 # A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2, the half of
 # Bernoulli's second polynomial: none on average and 1/√720 rms. Third differences, whose mean
 # square over s is (a Δt)², are taken for such beyond five standard deviations (25 × 20 variances).

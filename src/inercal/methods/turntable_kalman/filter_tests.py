@@ -89,10 +89,10 @@ def _pieces_with_columns(
             some = _without_effects_of_states(made, _columns(made, at, first, stop))
             innovations = standardised_innovations(steps.off, steps.s)
             standard[first:stop] = innovations[:, : made.tested_components]
-            rows = steps.s.shape[1] - (
-                0 if isinstance(made, GyroFilter) else made.states.index(TILT[0])
-            )
-            yield steps, some.driving_effects, some.observed_effects[:, :rows]
+            seen = some.observed_effects
+            if not isinstance(made, GyroFilter):
+                seen = made.observed_directions(at.angles[first:stop]) @ seen[:, :2]
+            yield steps, some.driving_effects, seen
         first = stop
 
 
