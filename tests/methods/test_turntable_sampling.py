@@ -39,7 +39,9 @@ def test_angles_between_samples_are_those_of_a_rate_that_bends(late: float):
     when = time[5:35:5] + late * STEP
     a, b, c = 0.3, 2.0, -1.5
     rates = np.column_stack([np.zeros((40, 2)), a + b * time + c * time**2])
-    apart, _ = differences(time, rates, when, about_up(a * when + b * when**2 / 2 + c * when**3 / 3))
+    apart, _ = differences(
+        time, rates, when, about_up(a * when + b * when**2 / 2 + c * when**3 / 3)
+    )
     assert np.abs(apart).max() < 1e-14
     # As trapezoids would have it
     assert 1e-7 < abs(c) * (when[1] - when[0]) * STEP**2 / 6

@@ -75,7 +75,9 @@ class AttitudeState(NamedTuple):
     # (5,) s: of the sample and of the epoch before, where the clock began, the step that led to the
     # sample before, and where the last gap ended
     time: Array
-    rates: Array  # (3, 3), of the last two samples, the newer first, and how they bent, rad/s³
+    # (5, 3), of the last two samples, the newer first, how they bent, rad/s³, and the last two
+    # third differences
+    rates: Array
     acceleration_variance: (
         Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
     )

@@ -169,7 +169,7 @@ class GyroFilter(Filter[AttitudeState]):
             p=covariance,
             sensitivity_integral=np.zeros((self.triad.terms.size, 9)),
             time=np.array([time, time, time, 0.0, time]),
-            rates=np.array([reading, reading, np.zeros(3)]),
+            rates=np.array([reading, reading, *np.zeros((3, 3))]),
             acceleration_variance=np.zeros(1),
             alignment_due=np.array([False]),
             rejections=np.zeros(2, np.int64),

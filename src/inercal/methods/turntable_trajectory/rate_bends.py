@@ -55,8 +55,11 @@ def rate_bends(time: Array, rates: Array, white: Array) -> tuple[Array, Array]:
     after[:-1], both[:-1] = own[1:], known[1:]
     count = known.astype(np.int64) + both
     third = np.where(count == 2, (after - own) * step**2, 0.0)
-    sudden = third**2 * step > PARABOLA_THRESHOLD * white
-    kinks = np.sum(np.where(sudden, (PARABOLA_ERROR * third * step) ** 2, 0.0), axis=1)
+    three = np.pad(third, ((2, 0), (0, 0)))
+    squares, total = (x[:-2] + x[1:-1] + x[2:] for x in (three**2, three))
+    sudden = squares * step > PARABOLA_THRESHOLD * white
+    jumps = np.where(sudden, np.maximum(squares - 2 * total**2, 0.0), 0.0)
+    kinks = np.sum(jumps * (PARABOLA_ERROR * step) ** 2, axis=1)
     return (own + after) / np.maximum(count, 1), kinks
 
 
