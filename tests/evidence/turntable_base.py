@@ -46,7 +46,8 @@ _PAGE = """\
 Written by `make evidence`; do not edit. Random paths, gyros of .02 and .1 °/√h, 50 to 200 Hz, each
 device through its files. NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the number of
 coefficients, with three standard deviations of chance. Uniform p: the test of Kolmogorov and
-Smirnov of the p-values of χ², and of that of each filter. False alarms: verdicts that are not "consistent".
+Smirnov of the p-values of χ², and of that of each filter. False alarms: verdicts that are not
+"consistent".
 
 {table}
 

@@ -37,6 +37,7 @@ from inercal.sensors import Sensor
 # that innovations are as large as stated
 REST_VELOCITY_SD = 1e-7
 HOLD_ALIGNMENT_SD = 5e-4  # rad, sd of φ where a hold begins
+_LEAST_NOISE = 1e-2  # of the readback's: an axis that is vertical within it turns no direction
 _BASE_PARAMETERS = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
 
 
@@ -183,7 +184,8 @@ class AccelerometerFilter(Filter[VelocityState]):
         here = track.hold[epochs]
         begins = here != np.concatenate([state.hold, here[:-1]])
         # Without noise a readback tests nothing.
-        tested = np.count_nonzero(readback.noise > model.READBACK_NOISE_FLOOR**2, axis=1)
+        least = self._least_readback_noise
+        tested = np.count_nonzero(readback.noise > least, axis=1)
         steps, history = self.allocate_steps(epochs.size, wanted)
         nis = _accelerometers.run_accelerometer_filter(
             self.samples(track),
@@ -258,4 +260,11 @@ class AccelerometerFilter(Filter[VelocityState]):
         white = self.bench.white**2 * share
         if quality is not None:
             white = white * quality.noise_gain[:, None] + quality.interpolation_sd[:, None] ** 2
-        return directions, np.maximum(white, model.READBACK_NOISE_FLOOR**2)
+        return directions, np.maximum(white, self._least_readback_noise)
+
+    @property
+    def _least_readback_noise(self) -> float:
+        """Least variance of the readback, rad²: where a direction has none the filter needs one."""
+        if self.readback_sd is not None:
+            return 0.0
+        return (_LEAST_NOISE * self.bench.white or model.READBACK_NOISE_FLOOR) ** 2
