@@ -159,7 +159,7 @@ def estimate_by_filters(
         tests=tuple(
             test for one in checked for test in filter_tests.innovation_tests(one, observations)
         ),
-        scoring=LazyValue(lambda: filter_tests.score_omissions(checked, names, own))
+        scoring=LazyValue(lambda: filter_tests.score_omissions(checked, bench, names, own))
         if checked and not lead
         else NO_SCORE_TESTS,
         sensitivities={
