@@ -265,7 +265,7 @@ def whiten(
                 total[k, c] = rows[e, k, c]
                 for j in range(3):
                     total[k, c] += a[k, j] * before[j, c]
-        s = p[:3, :3] + readback[e + 1]
+        s: Array = p[:3, :3] + readback[e + 1]
         inverse: Array = np.linalg.inv(np.linalg.cholesky(s)).astype(np.float64)
         copy_matrix(inverse, root)
         off = total - x[:3]
