@@ -73,6 +73,7 @@ bench: $(INSTALLED)  ## speed against a peer, measured in one run, and its page:
 evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, in full, and the longest tests: over an hour
 	$(BIN)/python -m tests.evidence
 	$(BIN)/python -m tests.evidence.turntable_errors
+	$(BIN)/python -m tests.evidence.turntable_base
 	$(BIN)/python -m tests.evidence.noise_coverage
 	$(BIN)/python -m tests.evidence.repeatability
 	$(BIN)/python -m tests.evidence.sensor_noise

@@ -299,7 +299,7 @@ def test_biases_of_a_tenth_of_a_degree_a_second_are_found_only_where_fed_back():
         state, _ = filter_.step(filter_.start(one), one)
         found = state.theta + state.x[3:15]
         sd = np.sqrt(np.diagonal(state.p[3:15, 3:15]))
-        off[name] = float(np.max(np.abs(found - made.gyro[0] @ by) / sd)), state.nis / state.epochs
+        off[name] = float(np.max(np.abs(found - made.gyro[0] @ by) / sd)), state.nis / state.dof
     assert off["closed"][0] < 5
     assert off["open"][0] > 50
     assert off["open"][1] > 10 * off["closed"][1]  # and NIS says so
@@ -417,7 +417,7 @@ def judged(
         names = ours.triad.sensor.coefficients
         off = state.theta + state.x[3:15] - made.gyro[k] @ columns(names)
         nees.append(off @ np.linalg.solve(state.p[3:15, 3:15], off) / 12)
-        nis.append(state.nis / state.epochs / 3)
+        nis.append(state.nis / state.dof)
     return Judged(float(np.mean(nis)), float(np.mean(nees)), courses[0])
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import inf
+from math import inf, radians
 
 import numpy as np
 import pytest
@@ -33,7 +33,9 @@ from inercal.units import Measured
 PATH = [("home", (0, 0, 0), 20.0), *made_by.turns()]
 RESTS = ("home", "rest")
 QUIET = made_by.Grade(0, 0, 0, 0)
-PLAIN = made_by.Table(harmonics=(0, 0), white=0, square=0, lean=0, azimuth=0, latency=0)
+PLAIN = made_by.Table(
+    harmonics=(0, 0), white=0, square=0, lean=0, azimuth=0, latency=0, jerk=radians(300)
+)
 
 
 def gyros(draw: made_by.Draw, made: Sensor) -> tuple[Observations, Sensor]:
@@ -65,10 +67,13 @@ def _dense(whitened: Array, rows: Array, covariance: Array) -> None:
     assert np.abs(made - exact).max() < 1e-9 * np.abs(exact).max()
 
 
-@pytest.mark.parametrize("mean_over_run", [False, True])
-def test_whitened_increments_make_the_sums_of_the_whole_covariance(mean_over_run: bool):
+@pytest.mark.parametrize(("mean_over_run", "readback"), [(False, 0.3), (True, 0.3), (True, -0.01)])
+def test_whitened_increments_make_the_sums_of_the_whole_covariance(
+    mean_over_run: bool, readback: float
+):
+    # What neighbouring increments share may exceed the readback's variance.
     rng = np.random.default_rng(3)
-    e, m, readback = 9, 4, 0.3
+    e, m = 9, 4
     since, lost = rng.uniform(0.5, 1.5, e), np.arange(e) == 5
     drifting, earth = rng.normal(size=(e, 3, 3)), rng.normal(0, 0.1, 3)
     half = rng.normal(size=(e, 3, 3))
@@ -110,7 +115,10 @@ def test_whitened_increments_make_the_sums_of_the_whole_covariance(mean_over_run
     all_by = np.concatenate(by)
     covariance = all_by * noise @ all_by.T + readback * np.eye(len(all_by))
     made = rows.copy()
-    _kernels.whiten(since, made, drifting, driven, readback, drift, drift.covariance(), earth, lost)
+    variances = np.tile(readback * np.eye(3), (e + 1, 1, 1))
+    _kernels.whiten(
+        since, made, drifting, driven, variances, drift, drift.covariance(), earth, lost
+    )
     assert not made[5].any()
     _dense(made.reshape(3 * e, m), np.concatenate(zs), covariance)
 
@@ -179,7 +187,7 @@ def test_without_noise_and_with_a_perfect_table_the_truth_comes_out():
     made = sensor()
     draw = made_by.draw(3, 1, made_by.complete_path(5.0), QUIET, PLAIN, hz=200.0)
     found = trajectory(observations(draw, made), made, BENCH, ())
-    # What is left is rates that bend between samples: a quarter at twice as many.
+    # What is left is accelerations that bend between samples.
     assert (np.abs(errors(found, draw, made)[0]) < 0.05 * found.std[:, :24]).all()
 
 

@@ -23,7 +23,7 @@ from inercal.runfile import Run, read
 
 RATE = ('rate = "100 Hz"', 'rate = "50 Hz"')
 DEFAULTS = {
-    "velocity_sd": "0.01 mm/s",
+    "velocity_sd": "0.0001 mm/s",
     "epoch": "0.1 s",
     "bias_drift": True,
     "table_states": "whole",

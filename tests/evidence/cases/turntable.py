@@ -39,12 +39,12 @@ _RUN = """\
 name = "IMU"
 [sensor.accelerometer]
 unit = "g"
-white = "60 µg/√Hz"
-bias_instability = "15 µg"
+white = "{vrw}"
+bias_instability = "{acc_instability}"
 [sensor.gyro]
 unit = "°/s"
-white = "0.1 °/√h"
-bias_instability = "0.5 °/h"
+white = "{arw}"
+bias_instability = "{gyro_instability}"
 [bench]
 kind = "turntable"
 gravity = "9.80123 m/s² ± 10 µm/s²"
@@ -63,6 +63,8 @@ gyro = ["gx", "gy", "gz"]
 table = ["outer", "middle", "inner"]
 label = "step"
 [method]
+name = "{method}"
+path = "path.csv"
 """
 Path = list[Stand | Turn]
 
@@ -91,6 +93,23 @@ def discrete() -> Path:
         path.append((name, (float(outer), float(middle), float(inner)), 20.0))
         path += [(f"{name}+", 0, 360.0, 30.0), (f"{name}-", 0, -360.0, 30.0)]
     return path
+
+
+def run_text(
+    method: str,
+    arw: str = "0.1 °/√h",
+    vrw: str = "60 µg/√Hz",
+    gyro_instability: str = "0.5 °/h",
+    acc_instability: str = "15 µg",
+) -> str:
+    """Return the run file of a method, with the noise of its sensor."""
+    return _RUN.format(
+        method=method,
+        arw=arw,
+        vrw=vrw,
+        gyro_instability=gyro_instability,
+        acc_instability=acc_instability,
+    )
 
 
 def path_text(path: Path) -> str:
@@ -277,9 +296,8 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
         columns |= {f"g{x}": y[:, 3 + k] / DEGREE for k, x in enumerate("xyz")}
         columns |= {name: said[:, k] / DEGREE for k, name in enumerate(NAMES)}
         time = np.arange(n) / HZ
-        text = _RUN + f'name = "{method}"\npath = "path.csv"\n'
         return {
-            "run.toml": text,
+            "run.toml": run_text(method),
             "path.csv": path_text(path),
             "log.npz": npz_archive(time=time, step=steps, **columns),
         }

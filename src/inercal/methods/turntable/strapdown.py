@@ -24,14 +24,13 @@ from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 from inercal.recording import STAMP_ROUNDING
 
 Indices = NDArray[np.int64]
-# Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
-# a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
-# standard deviations (25 × 6 variances of a sample) count as changes of acceleration.
-LINEAR_RATE_ERROR, LINEAR_RATE_THRESHOLD = 0.09, 150.0
-# A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2, the half of
-# Bernoulli's second polynomial: none on average and 1/√720 rms. Third differences, whose mean
-# square over s is (a Δt)², are taken for such beyond five standard deviations (25 × 20 variances).
-PARABOLA_ERROR, PARABOLA_THRESHOLD = 720**-0.5, 500.0
+# A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2 where its slope
+# jumps by a at the share s of a step, the half of Bernoulli's second polynomial: none on average
+# and 1/√720 rms. There three third differences are (1 − s, 2 s − 1, −s) a Δt, of sum zero; where
+# only the second derivative jumps, which leaves a tenth of that, they have one sign. So (a Δt)² is
+# known from their squares less twice that of their sum, which all three windows over them give 1.77
+# times, as the mean over s. It counts beyond the noise, on average 60 variances of a sample.
+PARABOLA_ERROR, PARABOLA_THRESHOLD = (1.77 * 720) ** -0.5, 1000.0
 # Of an angle between samples a cubic leaves so much of s (1 − s) times the difference of both
 # second divided differences; rms over where the acceleration begins, computed.
 CUBIC_ERROR = 0.36

@@ -7,7 +7,8 @@ The attitude of a table at rest is constant, including the earth's turn, so the 
 their errors would be taken for tilt. The specific force is known too, g along the vertical of that
 attitude. Coefficients are multiplied by it and not by the corrected reading: the product of its
 error with those of the coefficients is of second order and made a filter with a small variance of
-the velocity diverge.
+the velocity diverge. As that force is constant, each reading counts in one step: the noise of a
+trapezoid would be in two.
 """
 
 from typing import NamedTuple
@@ -58,9 +59,11 @@ class VelocityReadback(NamedTuple):
 
     epochs: Indices  # (e,)
     attitude: Array  # (e, 3, 3)
-    table_sensitivity: Array  # (e, 2, q), ∂(φ as observed)/∂(the table's parameters)
+    # (e, 2, 2), the horizontal directions, level frame, about which its noise is independent
+    directions: Array
+    table_sensitivity: Array  # (e, 2, q), ∂(φ as observed about them)/∂(the table's parameters)
     hold_variance: Array  # (e, 2) rad², variance of a hold's angles about east and north
-    noise: Array  # (e, 2) rad², of the readback's noise
+    noise: Array  # (e, 2) rad², of the readback's noise about the directions
 
 
 class VelocitySettings(NamedTuple):
@@ -80,12 +83,11 @@ class VelocityState(NamedTuple):
     p: Array  # (n, n)
     sensitivity_integral: Array  # (size of φ, 9), Σ C M φ Δt since the epoch before
     time: Array  # (3,) s, of the sample and of the epoch before, and of the start
-    force: Array  # (3,), of the sample before
     velocity: Array  # (3,) m/s
     hold: Indices  # (1,), number of the sample's before
     rejections: Indices  # (2,), readbacks rejected in a row, and in all
     nis: float = 0.0
-    epochs: int = 0
+    dof: int = 0  # of NIS, the coefficients taken as known
 
 
 @kernel
@@ -195,13 +197,12 @@ def _propagate_velocity(
     time, forces, hold, warmth = samples
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
     used, m, by, phi = work.used_terms, work.m, work.reading_terms, work.phi
-    result, force = state.sensitivity_integral, vector(state.force)
+    result = state.sensitivity_integral
     c, velocity = matrix(state.c), vector(state.velocity)
     inverse, cm = matrix(m), work.cm
     gravity, number, now = model.gravity, state.hold[0], state.time[0]
     for i in range(first, end):
         dt, now = time[i] - now, time[i]
-        reading = vector(forces[i])
         if hold[i] >= 0 and hold[i] == number:
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
@@ -217,20 +218,14 @@ def _propagate_velocity(
                 )
                 inverse = matrix(m)
                 write_row(times_matrix(c, inverse), cm)
-            mean = (
-                0.5 * (reading[0] + force[0]),
-                0.5 * (reading[1] + force[1]),
-                0.5 * (reading[2] + force[2]),
-            )
-            gain = times_vector(c, correct_reading(mean, inverse, by, phi, work.added_terms))
+            f = correct_reading(vector(forces[i]), inverse, by, phi, work.added_terms)
+            gain = times_vector(c, f)
             velocity = (
                 velocity[0] + gain[0] * dt,
                 velocity[1] + gain[1] * dt,
                 velocity[2] + (gain[2] - gravity) * dt,
             )
             accumulate_sensitivity(cm, phi, dt, used, result)
-        force = reading
-    write_vector(force, state.force)
     write_vector(velocity, state.velocity)
     state.time[0] = now
 
@@ -338,12 +333,15 @@ def _observe(
         z[k] = state.velocity[k]
         h[k, k] = 1.0
     for k in range(2):
-        z[3 + k] = off[k]
-        h[3 + k, 3 + k] = 1.0
+        z[3 + k] = 0.0
+        for j in range(2):
+            along = readback.directions[e, k, j]
+            z[3 + k] += along * off[j]
+            h[3 + k, 3 + j] = along
+            if own < n:
+                h[3 + k, own + j] = -along
         for j in range(q):
             h[3 + k, gm + model.size + j] = beside[e, k, j]
-        if own < n:
-            h[3 + k, own + k] = -1.0
 
 
 @kernel_piece

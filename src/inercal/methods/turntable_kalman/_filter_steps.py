@@ -149,7 +149,7 @@ def is_rejected(
     h : (m, n) array
     p : (n, n) array
     variance : (m,) array
-        Diagonal of R.
+        Diagonal of R; it may be negative where S is not.
     gate : float
         Standard deviations; infinite where nothing is rejected.
     rejections : (2,) array of int
@@ -160,7 +160,8 @@ def is_rejected(
     m, n, most = innovation.size, p.shape[0], gate * gate
     distance = 0.0
     for k in range(m):
-        distance += innovation[k] * innovation[k] / variance[k]
+        far = innovation[k] * innovation[k]
+        distance += far / variance[k] if variance[k] > 0 else np.inf
     # S is no less than R, and costs m n² to know.
     if distance > most:
         for i in range(n):

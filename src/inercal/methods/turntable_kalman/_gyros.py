@@ -178,14 +178,21 @@ def _propagate_attitude(
     squares, warmed = used[-1] >= SQUARE, warmth.size > 0
     c, inverse, cm = matrix(state.c), matrix(m), work.cm
     newer, older, bend = vector(before[0]), vector(before[1]), vector(before[2])
+    third, early = vector(before[3]), vector(before[4])
     for i in range(first, end):
         dt = time[i] - now
         if dt > gap:
             lost, ended = True, time[i]
         reading = vector(rates[i])
         mean, bent = _parabola_mean(reading, newer, older, dt, step)
-        kinks += _kink_variance(bent, bend, dt, white)
-        bend = bent
+        square = dt * dt
+        latest = (
+            (bent[0] - bend[0]) * square,
+            (bent[1] - bend[1]) * square,
+            (bent[2] - bend[2]) * square,
+        )
+        kinks += _kink_variance(latest, third, early, dt, white)
+        bend, third, early = bent, latest, third
         force = gravity * c[6], gravity * c[7], gravity * c[8]
         phi[FORCE], phi[FORCE + 1], phi[FORCE + 2] = force
         if squares:
@@ -207,7 +214,7 @@ def _propagate_attitude(
         # Rotation of the step relative to the level frame, and half of it.
         around = transposed_times(c, earth)
         coning = cross(newer, reading)
-        square = dt * dt * (1 / 12)
+        square *= 1 / 12
         beyond = u[0] - around[0], u[1] - around[1], u[2] - around[2]
         turn = (
             beyond[0] * dt + coning[0] * square,
@@ -243,6 +250,8 @@ def _propagate_attitude(
     write_vector(newer, before[0])
     write_vector(older, before[1])
     write_vector(bend, before[2])
+    write_vector(third, before[3])
+    write_vector(early, before[4])
     state.newest_row[0], state.alignment_due[0] = newest, lost
     state.time[0], state.time[3], state.time[4] = now, step, ended
     state.acceleration_variance[0] = kinks
@@ -273,17 +282,21 @@ def _parabola_mean(
 
 
 @kernel_value
-def _kink_variance(bend: Vector, before: Vector, dt: float, white: Array) -> float:
-    """Return the variance of the angle where an acceleration began or ended in a step, rad²."""
-    square = dt * dt
-    x, y, z = (
-        (bend[0] - before[0]) * square,
-        (bend[1] - before[1]) * square,
-        (bend[2] - before[2]) * square,
-    )
-    total = x * x if x * x * dt > PARABOLA_THRESHOLD * white[0] else 0.0
-    total += y * y if y * y * dt > PARABOLA_THRESHOLD * white[1] else 0.0
-    total += z * z if z * z * dt > PARABOLA_THRESHOLD * white[2] else 0.0
+def _kink_variance(a: Vector, b: Vector, c: Vector, dt: float, white: Array) -> float:
+    """Return the variance of the angle where an acceleration began or ended in a step, rad².
+
+    a, b and c are the last third differences, rad/s.
+    """
+    x = a[0] * a[0] + b[0] * b[0] + c[0] * c[0]
+    y = a[1] * a[1] + b[1] * b[1] + c[1] * c[1]
+    z = a[2] * a[2] + b[2] * b[2] + c[2] * c[2]
+    total, least = 0.0, PARABOLA_THRESHOLD / dt
+    if x > least * white[0]:
+        total += max(x - 2 * (a[0] + b[0] + c[0]) * (a[0] + b[0] + c[0]), 0.0)
+    if y > least * white[1]:
+        total += max(y - 2 * (a[1] + b[1] + c[1]) * (a[1] + b[1] + c[1]), 0.0)
+    if z > least * white[2]:
+        total += max(z - 2 * (a[2] + b[2] + c[2]) * (a[2] + b[2] + c[2]), 0.0)
     return total * (PARABOLA_ERROR * dt) ** 2
 
 

@@ -5,6 +5,11 @@ A readback is compared with the attitude at its time t′. The error there is
     φ(t′) = φ(t) + G dθ,  G = ∫ C M φ(f, ω) dt from t′ to t
 
 G is stored for the samples that a readback may refer to; feedback at t turns their attitudes too.
+
+A reading's noise counts once in the sum of all steps, but parts of it are in the attitude at t′ and
+others come later: two neighbouring increments have the covariance γ σ², σ² the variance of a
+sample's angle. So has a random walk that is observed with noise of the variance −γ σ², which is
+added to that of the readback; the sum may be negative, the variance of an innovation is not.
 """
 
 from typing import NamedTuple
@@ -70,7 +75,9 @@ class AttitudeState(NamedTuple):
     # (5,) s: of the sample and of the epoch before, where the clock began, the step that led to the
     # sample before, and where the last gap ended
     time: Array
-    rates: Array  # (3, 3), of the last two samples, the newer first, and how they bent, rad/s³
+    # (5, 3), of the last two samples, the newer first, how they bent, rad/s³, and the last two
+    # third differences
+    rates: Array
     acceleration_variance: (
         Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
     )
@@ -86,7 +93,7 @@ class AttitudeState(NamedTuple):
     # and hold of samples that wait for their readback.
     pending_samples: Array
     nis: float = 0.0
-    epochs: int = 0
+    dof: int = 0  # of NIS, the coefficients taken as known
 
 
 class ReadbackTerms(NamedTuple):
@@ -234,7 +241,10 @@ def _linearise(
         _add_delay_curvature(model, state, work, p, when, variance, spread)
     rotation_error(readback.attitude[e], then, z)
     before, after, share = bracketing_rows(times, newest, when)
+    common = _neighbour_share(share) * (times[after] - times[before])
     for k in range(3):
+        for b in range(3):
+            spread[k] -= common * work.cm[3 * k + b] * model.white[b] * work.cm[3 * k + b]
         for j in range(x.size):
             h[k, j] = 1.0 if j == k else 0.0
         for j in range(beside.shape[2]):
@@ -260,6 +270,14 @@ def _linearise(
             for c in range(components):
                 h[k, gm + 3 * c + j] = since
             z[k] += since * fed[j]
+
+
+@kernel_step
+def _neighbour_share(x: float) -> float:
+    """Return γ at a share x of a step: of parabolas at samples, and a cubic between them."""
+    u = min(max(x, 0.0), 1.0)
+    u *= 1 - u
+    return (22 + u * (58 / 3 + u * (224 / 9 + u * 137 / 18))) / 144
 
 
 @kernel_step

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import Misalignment, linear_misalignment, reference_attitude
+from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import Gaussian
 from inercal.methods.turntable import model, strapdown
@@ -33,8 +33,11 @@ from inercal.methods.turntable_kalman.filtered_track import FilterPiece
 from inercal.recording import AngleQuality, Track
 from inercal.sensors import Sensor
 
-REST_VELOCITY_SD = 1e-5  # m/s, how far velocity at rest is known to be zero: 1 µm in 0.1 s
+# m/s, how far velocity at rest is known to be zero: far below the noise of any accelerometer, so
+# that innovations are as large as stated
+REST_VELOCITY_SD = 1e-7
 HOLD_ALIGNMENT_SD = 5e-4  # rad, sd of φ where a hold begins
+_LEAST_NOISE = 1e-2  # of the readback's: an axis that is vertical within it turns no direction
 _BASE_PARAMETERS = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
 
 
@@ -162,7 +165,6 @@ class AccelerometerFilter(Filter[VelocityState]):
             p=covariance,
             sensitivity_integral=np.zeros((self.triad.terms.size, 9)),
             time=np.full(3, track.time[0]),
-            force=np.zeros(3),
             velocity=np.zeros(3),
             hold=np.array([-1]),
             rejections=np.zeros(2, np.int64),
@@ -177,10 +179,16 @@ class AccelerometerFilter(Filter[VelocityState]):
         epochs = strapdown.epoch_indices_in_holds(
             track.time, usable, self.epoch, state.time[1], state.hold[0]
         )
+        readback = self._readback(epochs, track)
+        here = track.hold[epochs]
+        begins = here != np.concatenate([state.hold, here[:-1]])
+        # Without noise a readback tests nothing.
+        least = self._least_readback_noise
+        tested = np.count_nonzero(readback.noise > least, axis=1)
         steps, history = self.allocate_steps(epochs.size, wanted)
         nis = _accelerometers.run_accelerometer_filter(
             self.samples(track),
-            self._readback(epochs, track),
+            readback,
             self.kernel_model,
             VelocitySettings(
                 self.velocity_sd**2, self.alignment_sd**2, self.innovation_gate(track)
@@ -190,25 +198,32 @@ class AccelerometerFilter(Filter[VelocityState]):
             steps,
             history,
         )
-        return self.count_epochs(state, nis, FilterPiece(track.time[epochs], steps, history))
+        piece = FilterPiece(track.time[epochs], steps, history)
+        return self.count_dof(state, nis, piece, 3 + tested, int(tested[begins].sum())), piece
 
     def _readback(self, epochs: NDArray[np.int64], track: Track) -> VelocityReadback:
         """Return the readback at the epochs (e,) of a track as the kernel takes it."""
         angles = track.angles[epochs]
         e, q = len(angles), len(self.table)
         if not e:  # as long as the table moves
-            shapes = (e, 3, 3), (e, 2, q), (e, 2), (e, 2)
+            shapes = (e, 3, 3), (e, 2, 2), (e, 2, q), (e, 2), (e, 2)
             return VelocityReadback(epochs, *(np.zeros(shape) for shape in shapes))
         seen = linear_misalignment(self.bench, angles)
         quality = None if track.angle_quality is None else track.angle_quality.where(epochs)
+        directions, noise = self._readback_noise(angles, quality)
         return VelocityReadback(
             epochs,
             reference_attitude(self.bench, angles),
+            directions,
             # Of one layout whatever e is: a kernel is compiled for each.
-            np.ascontiguousarray(table_sensitivity(seen, self.table)[:, :2]),
+            np.ascontiguousarray(directions @ table_sensitivity(seen, self.table)[:, :2]),
             self._hold_variance(angles),
-            self._readback_variance(seen, angles, quality),
+            noise,
         )
+
+    def observed_directions(self, angles: Array) -> Array:
+        """Return the horizontal directions about which φ is observed at angles, (e, 2, 2)."""
+        return self._readback_noise(angles, None)[0]
 
     def _hold_variance(self, angles: Array) -> Array:
         """Return the variance of the error of a hold's angles about east and north, (e, 2)."""
@@ -220,18 +235,35 @@ class AccelerometerFilter(Filter[VelocityState]):
         )
         return (seen.by[..., :2, :] ** 2) @ variance
 
-    def _readback_variance(
-        self, seen: Misalignment, angles: Array, quality: AngleQuality | None
-    ) -> Array:
-        """Return the variance about east and north of the readback's noise, (e, 2)."""
+    def _readback_noise(self, angles: Array, quality: AngleQuality | None) -> tuple[Array, Array]:
+        """Return the principal directions of the readback's noise, (e, 2, 2), and its variances.
+
+        The noise is about the table's axes, of which two may have one horizontal direction.
+        """
         if self.readback_sd is not None:
-            return np.full((len(angles), 2), self.readback_sd**2)
+            level = np.tile(np.eye(2), (len(angles), 1, 1))
+            return level, np.full((len(angles), 2), self.readback_sd**2)
         # Sine and cosine of a harmonic turn about an axis as noise does; their squares add up to 1.
-        if not self.bench.harmonics:
-            seen = linear_misalignment(replace(self.bench, harmonics=(1.0,)), angles)
+        seen = linear_misalignment(replace(self.bench, harmonics=(1.0,)), angles)
         waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin1", "cos1"))]
-        share = np.sum(seen.by[..., :2, waves] ** 2, axis=-1)
+        east, north = np.moveaxis(seen.by[..., :2, waves], 1, 0)
+        (ee, nn), en = (
+            (np.sum(a * a, axis=-1) for a in (east, north)),
+            np.sum(east * north, axis=-1),
+        )
+        turn = np.arctan2(2 * en, ee - nn) / 2
+        c, s = np.cos(turn), np.sin(turn)
+        directions = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=1)
+        mean, half = (ee + nn) / 2, np.hypot(ee - nn, 2 * en) / 2
+        share = np.stack([mean + half, mean - half], axis=-1)
         white = self.bench.white**2 * share
         if quality is not None:
             white = white * quality.noise_gain[:, None] + quality.interpolation_sd[:, None] ** 2
-        return np.maximum(white, model.READBACK_NOISE_FLOOR**2)
+        return directions, np.maximum(white, self._least_readback_noise)
+
+    @property
+    def _least_readback_noise(self) -> float:
+        """Least variance of the readback, rad²: where a direction has none the filter needs one."""
+        if self.readback_sd is not None:
+            return 0.0
+        return (_LEAST_NOISE * self.bench.white or model.READBACK_NOISE_FLOOR) ** 2

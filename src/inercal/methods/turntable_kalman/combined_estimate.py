@@ -27,7 +27,6 @@ from inercal.methods.turntable_kalman.filter_config import (
 from inercal.methods.turntable_kalman.innovations import (
     FilterResult,
     describe_innovations,
-    minimum_nis,
     residual_group,
     variance_inflation,
 )
@@ -57,6 +56,9 @@ def run_filter(
     run = result.begin(track)
     filtered = run.follow(track)
     course, found, checked = filtered.history, run.estimate, None
+    # The assumed sizes of coefficients are far above them: as many innovations only give these.
+    own = set(result.triad.sensor.coefficients)
+    learned = len(own) - sum(len(one.names) for one in priors if own.issuperset(one.names))
     if smooth:
         checked = filter_tests.innovation_test_data(result, filtered, found)
         # Only a report shows it, and it takes another pass over the track.
@@ -64,7 +66,7 @@ def run_filter(
         course = replace(course, smoothing=smoothing)
     return FilterResult(
         result.triad, course.names, found.value, found.covariance, course,
-        run.state.nis, run.components, minimum_nis(track, config.epoch), result.unit,
+        run.state.nis, max(run.dof - learned, 0), result.unit,
         config.untested_reason(kind),
         found.shared_covariance, checked, run.rejections,
     )  # fmt: skip
@@ -145,7 +147,7 @@ def estimate_by_filters(
         value=value,
         covariance=covariance,
         chi2=chi2,
-        dof=sum(one.components for one in trials[0]),
+        dof=sum(one.dof for one in trials[0]),
         wanted=sensor.coefficients,
         rank=p,
         singular_values=1 / np.sqrt(known),
@@ -157,7 +159,7 @@ def estimate_by_filters(
         tests=tuple(
             test for one in checked for test in filter_tests.innovation_tests(one, observations)
         ),
-        scoring=LazyValue(lambda: filter_tests.score_omissions(checked, names, own))
+        scoring=LazyValue(lambda: filter_tests.score_omissions(checked, bench, names, own))
         if checked and not lead
         else NO_SCORE_TESTS,
         sensitivities={
@@ -221,7 +223,7 @@ def _notes(
         f"{one.course.name}: the filter took no account of the table's angles at {one.rejections} "
         f"epochs: their innovations exceeded {INNOVATION_GATE:g} standard deviations"
         for one in parts
-        if one.rejections > _CHANCE_REJECTIONS * one.components
+        if one.rejections > _CHANCE_REJECTIONS * one.dof
     ]
     result += [words for one in parts if (words := _prior_share_note(one))]
     whole = config.table_states == "whole"

@@ -301,10 +301,24 @@ class Filter(ABC, Generic[S]):
         for m in np.flatnonzero(terms.bias & (terms.axis == i)):
             row[at + m] = terms.weights[m, BIAS]
 
-    def count_epochs(self, state: S, nis: float, made: FilterPiece) -> tuple[S, FilterPiece]:
-        """Return a state with the sum of NIS and the number of tested epochs, and the piece."""
-        taken = int(np.count_nonzero(made.history[:, self.rows] > 0))
-        return state._replace(nis=nis, epochs=state.epochs + taken), made
+    def count_dof(
+        self, state: S, nis: float, made: FilterPiece, tested: NDArray[np.int64], free: int
+    ) -> S:
+        """Return a state with the sum of NIS and its degrees of freedom after a piece.
+
+        Parameters
+        ----------
+        state : State
+        nis : float
+        made : FilterPiece
+        tested : (e,) array of int
+            Components of each epoch that are tested where it has innovations.
+        free : int
+            Of these, those that only give φ after it was taken from the readback: they are small
+            beside the variance that φ begins with.
+        """
+        taken = made.history[:, self.rows] > 0
+        return state._replace(nis=nis, dof=state.dof + int(tested[taken].sum()) - free)
 
 
 def _no_sums(n: int) -> Array:
@@ -339,6 +353,9 @@ class RunningFilter(Generic[S]):
         return int(self.state.rejections[1])
 
     @property
-    def components(self) -> int:
-        """How many components of innovations were tested so far."""
-        return self.filter.tested_components * self.state.epochs
+    def dof(self) -> int:
+        """Degrees of freedom of NIS so far: components of innovations but those that give φ.
+
+        The coefficients are taken as known.
+        """
+        return max(self.state.dof, 0)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import ModelTest, ScoreTestSet, score_tests
 from inercal.estimate.candidate_scores import rows_from_products
 from inercal.estimate.innovations import (
@@ -89,10 +90,10 @@ def _pieces_with_columns(
             some = _without_effects_of_states(made, _columns(made, at, first, stop))
             innovations = standardised_innovations(steps.off, steps.s)
             standard[first:stop] = innovations[:, : made.tested_components]
-            rows = steps.s.shape[1] - (
-                0 if isinstance(made, GyroFilter) else made.states.index(TILT[0])
-            )
-            yield steps, some.driving_effects, some.observed_effects[:, :rows]
+            seen = some.observed_effects
+            if not isinstance(made, GyroFilter):
+                seen = made.observed_directions(at.angles[first:stop]) @ seen[:, :2]
+            yield steps, some.driving_effects, seen
         first = stop
 
 
@@ -191,13 +192,17 @@ def innovation_tests(one: InnovationTestData, observations: Observations) -> tup
 
 
 def score_omissions(
-    parts: Sequence[InnovationTestData], names: Sequence[str], owners: Sequence[Sequence[str]]
+    parts: Sequence[InnovationTestData],
+    bench: Turntable,
+    names: Sequence[str],
+    owners: Sequence[Sequence[str]],
 ) -> ScoreTestSet:
     """Return the scores of constants without a state, by both filters together.
 
     Parameters
     ----------
     parts : sequence of InnovationTestData
+    bench : Turntable
     names : sequence of q str
         The parameters whose shift is wanted.
     owners : sequence of sequence of str
@@ -207,20 +212,59 @@ def score_omissions(
     for one in parts:
         found |= {column.name: column for column in one.columns}
     at = {key: k for k, key in enumerate(found)}
-    gram, product = np.zeros((len(at), len(at))), np.zeros(len(at))
     moved = np.zeros((len(names), len(at)))
+    each: list[tuple[Array, Array]] = []
     for one, own in zip(parts, owners, strict=True):
         if one.sums is None:
             return ScoreTestSet()
         to = [at[column.name] for column in one.columns]
-        gram[np.ix_(to, to)] += one.sums.gram
-        product[to] += one.sums.product
+        each.append((np.zeros((len(at), len(at))), np.zeros(len(at))))
+        each[-1][0][np.ix_(to, to)] = one.sums.gram
+        each[-1][1][to] = one.sums.product
         rows = [names.index(name) for name in own]
         states = [one.states.index(name) for name in own]
         moved[np.ix_(rows, to)] = one.sums.moved[states]
+    declared = bench.acting_parameters()
+    shared = [name for name in at if name in declared and all(name in one.states for one in parts)]
+    prior = bench.qualified.joint_covariance([declared[name] for name in shared])
+    gram, product = _joint_sums(each, [at[name] for name in shared], prior)
     residual, rows = rows_from_products(gram, product)
     result = columns.candidates(tuple(found.values()), rows, moved)
     standard = np.concatenate([one.standardised_innovations.ravel() for one in parts])
     standard = standard[np.isfinite(standard)]
     tested = score_tests(residual, np.zeros((len(residual), 0)), result)
     return replace(tested, chi2=float(standard @ standard), dof=standard.size)
+
+
+def _joint_sums(
+    each: Sequence[tuple[Array, Array]], shared: Sequence[int], prior: Array
+) -> tuple[Array, Array]:
+    """Return Gram matrix and products of the columns by the innovations of both filters.
+
+    An error of the table with the prior covariance P₀ that is a state of both is in the innovations
+    of both, whose covariance is V = I + W M Wᵀ, with its columns W = diag(A₁, A₂) in each filter
+    and M = [[0, P₀], [P₀, 0]]. By Woodbury's identity the sums with V⁻¹ follow from those of each::
+
+        CᵀV⁻¹C = CᵀC − CᵀW (M⁻¹ + WᵀW)⁻¹ WᵀC
+
+    Parameters
+    ----------
+    each : sequence of (gram, product)
+        (c, c) and (c,) of each filter.
+    shared : sequence of q int
+        Columns that are states of both.
+    prior : (q, q) array
+        P₀.
+    """
+    gram, product = (np.sum([one[k] for one in each], axis=0) for k in range(2))
+    q = len(shared)
+    if len(each) < 2 or not q:
+        return gram, product
+    inner = np.zeros((2 * q, 2 * q))
+    inner[:q, q:] = inner[q:, :q] = np.linalg.inv(prior)
+    for k, (own, _) in enumerate(each):
+        inner[k * q : (k + 1) * q, k * q : (k + 1) * q] = own[np.ix_(shared, shared)]
+    across = np.concatenate([own[:, shared] for own, _ in each], axis=1)
+    along = np.concatenate([own[shared] for _, own in each])
+    gram = gram - across @ np.linalg.solve(inner, across.T)
+    return (gram + gram.T) / 2, product - across @ np.linalg.solve(inner, along)

@@ -169,7 +169,7 @@ class GyroFilter(Filter[AttitudeState]):
             p=covariance,
             sensitivity_integral=np.zeros((self.triad.terms.size, 9)),
             time=np.array([time, time, time, 0.0, time]),
-            rates=np.array([reading, reading, np.zeros(3)]),
+            rates=np.array([reading, reading, *np.zeros((3, 3))]),
             acceleration_variance=np.zeros(1),
             alignment_due=np.array([False]),
             rejections=np.zeros(2, np.int64),
@@ -180,6 +180,7 @@ class GyroFilter(Filter[AttitudeState]):
             pending_samples=waits
             if self.lag < 0
             else np.tile([time, self._angle_variance(track)[0], *track.angles[0]], (self.lag, 1)),
+            dof=-self.rows,
         )
 
     def advance(
@@ -199,7 +200,7 @@ class GyroFilter(Filter[AttitudeState]):
         )
         if not self.compare_while_turning:
             epochs = epochs[samples.hold[epochs] >= 0]
-        late = self._timing_state_indices
+        late, rejected = self._timing_state_indices, int(after.rejections[1])
         steps, history = self.allocate_steps(epochs.size, wanted)
         nis = _gyros.run_gyro_filter(
             samples,
@@ -219,7 +220,11 @@ class GyroFilter(Filter[AttitudeState]):
             steps,
             history,
         )
-        return self.count_epochs(after, nis, FilterPiece(samples.time[epochs], steps, history))
+        piece = FilterPiece(samples.time[epochs], steps, history)
+        # An epoch without innovations takes the attitude from the readback, unless it rejects it.
+        anew = int(np.count_nonzero(history[:, self.rows] == 0) - after.rejections[1]) + rejected
+        tested = np.full(epochs.size, self.rows)
+        return self.count_dof(after, nis, piece, tested, self.rows * anew), piece
 
     def _readback(
         self, epochs: NDArray[np.int64], age: Array, angles: Array, variance: Array

@@ -1,8 +1,9 @@
 """The test of a filter's innovations: whether noise and table are as stated.
 
-The normalised innovations squared (NIS) are χ² with as many degrees of freedom as components, if R
-is the noise (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and
-Navigation, section 5.4). The source's R is not the noise, and NIS with it is no test.
+The normalised innovations squared (NIS) are χ² if R is the noise, with as many degrees of freedom
+as components, less those that only give states of which nothing is known before (Bar-Shalom, Li and
+Kirubarajan 2001, Estimation with Applications to Tracking and Navigation, section 5.4). The
+source's R is not the noise, and NIS with it is no test.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -15,9 +16,9 @@ from scipy.special import chdtri
 from inercal.arrays import Array
 from inercal.estimate import FilterHistory, ResidualGroup
 from inercal.estimate.residual_scatter import ScatterModel
-from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel
+from inercal.methods.turntable.model import TriadModel
 from inercal.methods.turntable_kalman.filter_tests import InnovationTestData
-from inercal.recording import Observations, Track
+from inercal.recording import Observations
 
 _CONFIDENCE_LEVEL = 0.95
 # Of the expected NIS: noise is seldom known to 5 %, and a small overstatement is harmless
@@ -33,8 +34,7 @@ class FilterResult(NamedTuple):
     covariance: Array
     course: FilterHistory
     nis: float  # sum over its components
-    components: int  # observed
-    minimum_nis: float  # least NIS per component where noise and table are as stated
+    dof: int  # of its NIS, where noise and table are as stated
     unit: str
     untested_reason: str  # why NIS is no test of noise and table; empty where it is
     shared_covariance: Array  # (p, p), the part by gravity, which changes no innovation
@@ -45,24 +45,15 @@ class FilterResult(NamedTuple):
     def sd(self) -> float:
         """Standard deviation of the first three innovations by the filter's model."""
         z = self.course.innovation[self.course.nis > 0, :3]
-        ratio = self.nis / max(self.components, 1)
+        ratio = self.nis / max(self.dof, 1)
         return float(np.sqrt(np.mean(z**2) / ratio)) if z.size and ratio else 1.0
-
-
-def minimum_nis(track: Track, epoch: float = EPOCH_PERIOD) -> float:
-    """Return the least NIS: the trapezoids of an epoch of n samples have the noise of n − ½.
-
-    `epoch`: time between epochs, s.
-    """
-    step = float(np.median(np.diff(track.time))) if track.time.size > 1 else 0.0
-    return 1 - 0.5 * min(step / epoch, 1.0)
 
 
 def variance_inflation(one: FilterResult) -> float:
     """Return the factor by which the innovations enlarge variances."""
-    if one.components == 0 or one.nis <= chdtri(one.components, 1 - _CONFIDENCE_LEVEL):
+    if one.dof <= 0 or one.nis <= chdtri(one.dof, 1 - _CONFIDENCE_LEVEL):
         return 1.0
-    return one.nis / one.components
+    return one.nis / one.dof
 
 
 def residual_group(one: FilterResult, observations: Observations) -> ResidualGroup:
@@ -89,7 +80,7 @@ def residual_group(one: FilterResult, observations: Observations) -> ResidualGro
         # Innovations are independent.
         sd=one.sd / np.sqrt(np.array(counts, dtype=float))[:, None] * np.ones(3),
         chi2=one.nis,
-        dof=one.components,
+        dof=one.dof,
         spread=ScatterModel(excess=one.sd * float(np.sqrt(variance_inflation(one) - 1))),
         enlarged=variance_inflation(one) > 1,
     )
@@ -97,13 +88,13 @@ def residual_group(one: FilterResult, observations: Observations) -> ResidualGro
 
 def describe_innovations(one: FilterResult) -> str:
     """Return a sentence on the agreement of the innovations with the stated noise and table."""
-    mean = one.nis / max(one.components, 1)
-    text = f"{one.course.name}: the innovations' NIS per component is {mean:.2f}"
+    mean = one.nis / max(one.dof, 1)
+    text = f"{one.course.name}: the innovations' NIS per degree of freedom is {mean:.2f}"
     if variance_inflation(one) > 1:
         return f"{text}, above its 95 % bound: all variances are multiplied by it"
     if one.untested_reason:
         return f"{text}; it is no test of noise and table: {one.untested_reason}"
-    if one.nis < _MIN_NIS_RATIO * one.minimum_nis * chdtri(one.components, _CONFIDENCE_LEVEL):
+    if one.nis < _MIN_NIS_RATIO * chdtri(max(one.dof, 1), _CONFIDENCE_LEVEL):
         return (
             f"{text}, below 1: noise or table are better than stated, and the uncertainties are "
             "too large"

@@ -143,5 +143,5 @@ def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
         found.value[:p],
         found.covariance[:p, :p],
         float(one.state.nis),
-        one.components,
+        one.dof,
     )

@@ -5,7 +5,7 @@ from typing import TypeVar
 from inercal.arrays import Array
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 
-_SCALAR_FIELDS = ("nis", "epochs")  # of a state; all else is an array
+_SCALAR_FIELDS = ("nis", "dof")  # of a state; all else is an array
 S = TypeVar("S", _accelerometers.VelocityState, _readback.AttitudeState)
 
 

@@ -121,6 +121,9 @@ def solve_trial(
     parts = tuple(_row_sets(sensor, bench, track, epochs))
     requested = problem(sensor, bench, parts, priors)
     estimate = solve(requested)
+    # The assumed sizes of coefficients are far above them, and no rows of data; nor are lost ones.
+    lost = sum(part.lost_rows for part in parts) + len(sensor.coefficients)
+    estimate = replace(estimate, dof=estimate.dof - lost)
     if steps is not None:
         _, jacobian = requested.linearise(estimate.value)
         estimate = replace(estimate, tests=_tests(estimate, jacobian, parts, steps))

@@ -16,8 +16,6 @@ from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 from inercal.methods.turntable.strapdown import (
-    LINEAR_RATE_ERROR,
-    LINEAR_RATE_THRESHOLD,
     fill_force_terms,
     fill_temperature_terms,
     inverse_scale_matrix,
@@ -26,6 +24,7 @@ from inercal.methods.turntable.strapdown import (
     rotation_error,
 )
 from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE
+from inercal.methods.turntable_trajectory.rate_bends import neighbour_share
 
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -35,7 +34,9 @@ Bools = NDArray[np.bool_]
 def increments(
     time: Array,
     rates: Array,
-    epochs: Indices,
+    bends: Array,
+    kinks: Array,
+    when: Array,
     reference: Array,
     nominal: Array,
     axis: Indices,
@@ -49,16 +50,19 @@ def increments(
     columns: Array,
     drifting: Array,
     driven: Array,
+    shared: Array,
 ) -> None:
-    """Propagate the table's attitude from each epoch to the next; write the differences.
+    """Propagate the table's attitude from each readback to the next; write the differences.
 
     Parameters
     ----------
     time : (n,) array
     rates : (n, 3) array
         Readings, rad/s.
-    epochs : (e + 1,) array
-        Samples, ascending.
+    bends, kinks : (n, 3) and (n,) arrays
+        Of `rate_bends`.
+    when : (e + 1,) array
+        Times of the readbacks by the sensor's clock, ascending, not beyond the samples.
     reference : (e + 1, 3, 3) array
         Attitude by readback there.
     nominal, axis, weights
@@ -79,17 +83,29 @@ def increments(
         Written: its derivatives by coefficients and biases.
     driven : (e, 3, 3) array
         Written: its covariance by the gyros' noise, rad².
+    shared : (e + 1, 3, 3) array
+        Written: that of the increments that meet at each readback, rad².
     """
     count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     turn, fed, work = np.zeros(3), np.zeros(3), np.zeros((3, 3))
     inverse_scale_matrix(nominal, axis, weights, theta, RATE, work, m)
-    columns[:], drifting[:], driven[:] = 0.0, 0.0, 0.0
-    for e in range(epochs.size - 1):
+    columns[:], drifting[:], driven[:], shared[:] = 0.0, 0.0, 0.0, 0.0
+    i = 1
+    while i < time.size - 1 and time[i] <= when[0]:
+        i += 1
+    for e in range(when.size - 1):
         copy_matrix(reference[e], c)
-        for i in range(epochs[e] + 1, epochs[e + 1] + 1):
-            dt = time[i] - time[i - 1]
+        now, stop = when[e], when[e + 1]
+        while now < stop:
+            step = time[i] - time[i - 1]
+            until = min(time[i], stop)
+            dt, first, last = until - now, (now - time[i - 1]) / step, (until - time[i - 1]) / step
+            middle, part = 0.5 * (first + last), last - first
+            # The mean of x (1 − x)/2 from the first to the last share x of the step
+            bend = middle * (1 - middle) / 2 * step * step - part * dt * step / 24
+            cone = part * dt * dt / 12
             fill_force_terms(phi, (gravity * c[2, 0], gravity * c[2, 1], gravity * c[2, 2]))
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
@@ -97,7 +113,9 @@ def increments(
                     nominal, axis, weights, theta, RATE, warmth[i], work, m
                 )
             for k in range(3):
-                move[k] = 0.5 * (rates[i, k] + rates[i - 1, k])
+                move[k] = (
+                    rates[i - 1, k] + middle * (rates[i, k] - rates[i - 1, k]) - bend * bends[i, k]
+                )
                 wrong[k] = 0.0
             for s in range(count):
                 for b in range(size_of_phi):
@@ -117,7 +135,7 @@ def increments(
                     around += c[j, k] * earth[j]
                 j1, j2 = (k + 1) % 3, (k + 2) % 3
                 coning = rates[i - 1, j1] * rates[i, j2] - rates[i - 1, j2] * rates[i, j1]
-                turn[k] = (u[k] - around) * dt + coning * dt * dt / 12
+                turn[k] = (u[k] - around) * dt + coning * cone
                 fed[k] = 0.5 * turn[k]
             copy_matrix(c, half)
             rotate(half, fed)
@@ -134,12 +152,18 @@ def increments(
                     drifting[e, k, j] -= cm[k, j] * dt
                     for b in range(3):
                         driven[e, k, j] += cm[k, b] * noise[b] * cm[j, b] * dt
-                if i > 1:
-                    bent = rates[i, k] - 2 * rates[i - 1, k] + rates[i - 2, k]
-                    if bent * bent > LINEAR_RATE_THRESHOLD * noise[k] / dt:
-                        for j in range(3):
-                            driven[e, j, j] += (LINEAR_RATE_ERROR * bent * dt) ** 2
+                driven[e, k, k] += kinks[i] * part
+            now = until
+            if until == stop:
+                size = neighbour_share(last) * step
+                for k in range(3):
+                    for j in range(3):
+                        for b in range(3):
+                            shared[e + 1, k, j] += cm[k, b] * noise[b] * cm[j, b] * size
+            if until == time[i] and i < time.size - 1:
+                i += 1
         rotation_error(reference[e + 1], c, apart_by[e])
+    copy_matrix(shared[1], shared[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -165,7 +189,7 @@ def whiten(
     rows: Array,
     drifting: Array,
     driven: Array,
-    readback: float,
+    readback: Array,
     drift: Drift,
     start: Array,
     earth: Array,
@@ -185,8 +209,9 @@ def whiten(
         Increments of the residual and of columns, rad: replaced.
     drifting, driven : (e, 3, 3) arrays
         As of `increments`.
-    readback : float
-        Variance of the attitude by readback, rad².
+    readback : (e + 1, 3, 3) array
+        Covariance of the attitude by readback, less what neighbouring increments share
+        (`rate_bends`), rad².
     drift : Drift
         Of the biases, of s states.
     start : (s, s) array
@@ -211,7 +236,8 @@ def whiten(
     moved = np.zeros((3, n))
     p[3:, 3:] = start
     for k in range(3):
-        p[k, k], a[k, k] = readback, 1.0
+        a[k, k] = 1.0
+    copy_matrix(readback[0], p[:3, :3])
     for e in range(since.size):
         dt = since[e]
         for k in range(3):
@@ -231,8 +257,7 @@ def whiten(
             # φ starts anew; the drift continues.
             total[:], x[:3], rows[e] = 0.0, 0.0, 0.0
             p[:3, :], p[:, :3] = 0.0, 0.0
-            for k in range(3):
-                p[k, k] = readback
+            copy_matrix(readback[e + 1], p[:3, :3])
             continue
         _copy_rows(total, before)
         for k in range(3):
@@ -240,7 +265,7 @@ def whiten(
                 total[k, c] = rows[e, k, c]
                 for j in range(3):
                     total[k, c] += a[k, j] * before[j, c]
-        s = p[:3, :3] + readback * np.eye(3)
+        s: Array = p[:3, :3] + readback[e + 1]
         inverse: Array = np.linalg.inv(np.linalg.cholesky(s)).astype(np.float64)
         copy_matrix(inverse, root)
         off = total - x[:3]

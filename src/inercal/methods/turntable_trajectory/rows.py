@@ -8,11 +8,14 @@ and v_k its noise, in the level frame, E the earth's turn within an epoch::
 
 In the sums z_k+1 = E z_k + d_k+1 the noise of the gyros is a random walk of φ and that of the
 readback is white: `_kernels.whiten` decorrelates them. Each epoch starts from the table's attitude,
-so that terms of second order arise only within one epoch.
+so that terms of second order arise only within one epoch. It lasts from when one readback was taken
+to when the next one was, between samples of the gyros (`rate_bends`): interpolated angles would
+have another noise, and would err where the table accelerates.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +31,7 @@ from inercal.methods import temperature
 from inercal.methods.turntable import model, score_columns, strapdown
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn
 from inercal.methods.turntable_trajectory import _kernels
+from inercal.methods.turntable_trajectory.rate_bends import rate_bends
 from inercal.motion import Motion
 from inercal.observe import vector_residuals
 from inercal.parameters import Parameter
@@ -83,12 +87,11 @@ class RotationRows:
             A track of less than two epochs.
         """
         if epochs is None:
-            first = float(track.time[0])
             usable = np.flatnonzero(np.isfinite(track.angle_variance(1.0)))
-            epoch_indices = usable[
-                strapdown.epoch_indices(track.time[usable], model.EPOCH_PERIOD, first)
-            ]
-            epochs = np.concatenate([[0], epoch_indices])
+            time = track.time[usable]
+            first = float(time[0]) if time.size else 0.0
+            epochs = usable[strapdown.epoch_indices(time, model.EPOCH_PERIOD, first)]
+            epochs = np.concatenate([usable[:1], epochs])
         if epochs.size < 2:
             raise InputError(
                 f"the recording has {track.time.size} samples, less than two epochs of "
@@ -119,21 +122,22 @@ class RotationRows:
         track, terms, n = self.track, self.triad.terms, self.epochs.size - 1
         time = track.time[self.epochs]
         known = {one.name: one.value for one in self.bench.parameters} | dict(q)
-        stamp = time + known["latency"] + known["clock"] * (time - track.time[0])
+        when = time - known["latency"] - known["clock"] * (time - track.time[0])
+        # The table rests where a recording begins and ends.
+        when = np.clip(when, track.time[0], track.time[-1])
         earth, p = earth_rate(self.bench), len(theta)
         end = 1 + p + len(self.table)
         result = np.zeros((n, 3, end + (0 if beside is None else beside.shape[2])))
         rotation_error, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
-        drifting, driven = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
+        drifting, driven, shared = (np.zeros((k, 3, 3)) for k in (n, n, n + 1))
         _kernels.increments(
-            track.time, np.ascontiguousarray(track.reading[:, self.triad.channels]), self.epochs,
-            self._attitude(stamp), terms.nominal, terms.axis, terms.weights, theta, earth,
-            self.bench.gravity.value, self.triad.white,
+            track.time, self._rates, *self._bends, when, self._attitude, terms.nominal, terms.axis,
+            terms.weights, theta, earth, self.bench.gravity.value, self.triad.white,
             temperature.sample_offsets(track, self.triad.sensor),
-            rotation_error, columns, drifting, driven,
+            rotation_error, columns, drifting, driven, shared,
         )  # fmt: skip
-        by = self._sensitivity_at(stamp, time - track.time[0])
-        since = np.diff(time)
+        by = self._sensitivity_at_readbacks
+        since = np.diff(when)
         within = skew(earth) @ by[:-1] * since[:, None, None]
         result[:, :, 1 : 1 + p] = columns
         result[:, :, 1 + p : end] = by[:-1] - within - by[1:]
@@ -143,10 +147,11 @@ class RotationRows:
         for k, one in enumerate(self.table):
             if one.name not in ("latency", "clock"):  # the reference has those in it
                 result[:, :, 0] -= result[:, :, 1 + p + k] * _departure(one, q)
-        drift = self.triad.drift
+        drift, variance = self.triad.drift, track.angle_variance(self.bench.white**2)
+        readback = variance[self.epochs, None, None] * np.eye(3) - shared
         x, covariance = _kernels.whiten(
-            since, result, drifting, driven, self.bench.white**2, drift, drift.covariance(), earth,
-            self._increments_across_gaps,
+            since, result, drifting, driven, readback, drift, drift.covariance(), earth,
+            self._increments_across_gaps(when),
         )  # fmt: skip
         mean, variance = drift.mean(*self._elapsed)
         return (
@@ -179,29 +184,53 @@ class RotationRows:
         return self.track.time[self.epochs[1:]]
 
     @property
-    def _increments_across_gaps(self) -> NDArray[np.bool_]:
-        """Return which increments contain a gap that rates cannot bridge, (e,)."""
-        missing = (np.diff(self.track.time) > MAX_GAP_SECONDS).astype(np.int64)
-        return np.add.reduceat(missing[: self.epochs[-1]], self.epochs[:-1]) > 0
-
-    def _attitude(self, stamp: Array) -> Array:
-        """Return the attitude by the readback at its stamps, (e + 1, 3, 3)."""
+    def lost_rows(self) -> int:
+        """How many rows are zero: increments contain a gap."""
         time = self.track.time
-        angles: list[Array] = [np.interp(stamp, time, axis) for axis in self.track.angles.T]
-        return reference_attitude(self.bench, np.stack(angles, axis=-1))
+        return 3 * int(np.count_nonzero(self._increments_across_gaps(time[self.epochs])))
 
-    def _sensitivity_at(self, stamp: Array, since: Array) -> Array:
-        """Return how all nuisances turn the attitude, those of time by the table's rate there."""
+    def _increments_across_gaps(self, when: Array) -> NDArray[np.bool_]:
+        """Return which increments contain a gap that rates cannot bridge, (e,)."""
+        time = self.track.time
+        after = np.flatnonzero(np.diff(time) > MAX_GAP_SECONDS)
+        begun = np.searchsorted(when[1:], time[after], side="right")
+        ended = np.searchsorted(when[:-1], time[after + 1], side="left")
+        result = np.zeros(when.size - 1, dtype=bool)
+        for first, stop in zip(begun.tolist(), ended.tolist(), strict=True):
+            result[first:stop] = True
+        return result
+
+    @cached_property
+    def _rates(self) -> Array:
+        """The readings, (n, 3) rad/s."""
+        return np.ascontiguousarray(self.track.reading[:, self.triad.channels])
+
+    @cached_property
+    def _bends(self) -> tuple[Array, Array]:
+        """What the increments take of `rate_bends`."""
+        return rate_bends(self.track.time, self._rates, self.triad.white)
+
+    @cached_property
+    def _attitude(self) -> Array:
+        """The attitude by the readback, (e + 1, 3, 3)."""
+        return reference_attitude(self.bench, self.track.angles[self.epochs])
+
+    @cached_property
+    def _sensitivity_at_readbacks(self) -> Array:
+        """How all nuisances turn the attitude, those of time by the table's rate there."""
         names = [one.name for one in self.table]
         if not {"latency", "clock"} & set(names):
             return self.by
-        step = float(np.median(np.diff(self.track.time)))
-        before, after = (self._attitude(stamp + side) for side in (-step, step))
-        rate = log_so3(after @ np.swapaxes(before, -1, -2)) / (2 * step)
+        track = self.track
+        sides = [np.clip(self.epochs + side, 0, track.time.size - 1) for side in (-1, 1)]
+        before, after = (reference_attitude(self.bench, track.angles[at]) for at in sides)
+        lasting = track.time[sides[1]] - track.time[sides[0]]
+        rate = log_so3(after @ np.swapaxes(before, -1, -2)) / lasting[:, None]
+        since = track.time[self.epochs] - track.time[0]
         result = self.by.copy()
-        for name, lasting in (("latency", np.ones_like(since)), ("clock", since)):
+        for name, by in (("latency", np.ones_like(since)), ("clock", since)):
             if name in names:
-                result[..., names.index(name)] = rate * lasting[:, None]
+                result[..., names.index(name)] = rate * by[:, None]
         return result
 
 
@@ -248,6 +277,7 @@ class StaticRows:
     temperature_offset: Array | None = None
     temperature_varies: bool = False
     triad_name = "accelerometers"
+    lost_rows = 0
 
     @property
     def row_times(self) -> Array:
