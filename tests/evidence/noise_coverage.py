@@ -3,7 +3,9 @@
 A first-order Gauss–Markov process of 1 mg, with a memory shorter or longer than what one would
 average over, or a drift of the accelerometers' biases over the run, is added to recordings of
 `tests.evidence.cases.hand_recordings`; each axis drifts by half the size to all of it, either
-way, and the truth of its bias is the mean over the run. An error counts if it exceeds 2u in a
+way, linearly or as exp(−t/τ) with τ a tenth to all of the run, and the truth of its bias is the
+mean over the run. The truth of a bias with slow noise is its mean over all time: a memory longer
+than the run shifts the bias of this run. An error counts if it exceeds 2u in a
 session that is called consistent; the share is of all coefficients of all sessions.
 
 `python -m tests.evidence.noise_coverage` works out all cases and writes
@@ -55,14 +57,24 @@ class AddedDisturbance:
     words: str
     memory: float = 0.0
     drift: float = 0.0
+    shape: str = "linear"
+    slow: float = 0.0
 
 
+MEMORIES = (0.05, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)  # s
+DRIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)  # mg
 DISTURBANCES = (
     AddedDisturbance("nothing"),
-    AddedDisturbance("noise of 1 mg with a memory of 0.05 s", memory=0.05),
-    AddedDisturbance("noise of 1 mg with a memory of 1 s", memory=1.0),
-    AddedDisturbance("drift of 0.2 mg over the run", drift=0.2 * MG),
-    AddedDisturbance("drift of 2 mg over the run", drift=2 * MG),
+    *(
+        AddedDisturbance(f"noise of {size:g} mg with a memory of {memory:g} s", memory, slow=size * MG)
+        for size in (1.0, 0.2)
+        for memory in MEMORIES
+    ),
+    *(
+        AddedDisturbance(f"{shape} drift of {size:g} mg over the run", 0.0, size * MG, shape)
+        for shape in ("linear", "exponential")
+        for size in DRIFTS
+    ),
 )
 
 
@@ -108,10 +120,12 @@ def calibrate_session(
     values = here.draw(rng)
     truth = {name: values[name] for name in here.coefficients}
     if added.memory:
-        values |= {"slow": MG, "memory": added.memory}
+        values |= {"slow": added.slow, "memory": added.memory}
     for axis in "xyz" if added.drift else "":
         size = added.drift * rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
         values[f"a{axis}.drift"] = float(size)
+    if added.shape == "exponential":
+        values["settling"] = float(np.exp(rng.uniform(np.log(0.1), 0.0)))
     files = dict(here.files(values, rng, None))
     # Where white noise is stated, a warning says that there is more of it: here none is.
     lines = str(files["run.toml"]).splitlines()

@@ -23,8 +23,10 @@ from inercal.arrays import Array
 COARSE_LEVELS = 2  # levels that show a change; the finer ones show the noise
 SMALLEST_VARIANCE = 1e-6  # of the mean variance: sections that are exactly constant
 _LEVEL = 0.01  # of the likelihood ratio for a correlation
+_EXCLUDED = 0.05  # of the likelihood ratio for a memory as long as the sections
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
 _TIMES = 14  # of τ
+_LONG_RATIOS = np.geomspace(0.1, 3e5, 43)  # ρ of a memory as long as the sections
 _SURE = 1e9  # degrees of freedom of a prior that all sections fit
 
 
@@ -79,16 +81,39 @@ def contrast_powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Arra
     return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
 
 
-def fit_correlations(
-    powers: Sequence[Array], sections: Sequence[Contrasts]
-) -> tuple[NoiseCorrelation, tuple[NoiseCorrelation, ...]]:
-    """Return the correlation of all sections, and that of all but each."""
+class FittedCorrelations(NamedTuple):
+    """The correlation of the noise of r sections.
+
+    Parameters
+    ----------
+    whole : NoiseCorrelation
+        Of all sections.
+    others : tuple of r NoiseCorrelation
+        Of all sections but each.
+    rise : float
+        Twice the rise of the logarithm of the likelihood above that of white noise, the smallest
+        of all sections but each; 0 without a correlation.
+    long : bool
+        Whether there is a correlation, and a memory as long as the sections is not excluded: how
+        far the noise wanders between them is then unknown.
+    """
+
+    whole: NoiseCorrelation
+    others: tuple[NoiseCorrelation, ...]
+    rise: float = 0.0
+    long: bool = False
+
+
+def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> FittedCorrelations:
+    """Return the correlation of sections from their `contrast_powers`."""
     longest = max(one.seconds for one in sections)
     shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
     times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
     grid = [NoiseCorrelation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
     channels = max(sections[0].levels[0].shape[1], 1)
     every = [WHITE, *grid]
+    choices = len(every)
+    every += [NoiseCorrelation(float(ratio), longest) for ratio in _LONG_RATIOS]
     ratio, tau = (
         np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
     )
@@ -98,17 +123,24 @@ def fit_correlations(
         shape = _contrast_variance_ratio(ratio, tau, block_durations(one.seconds, len(one.levels)))
         own = (power / shape) @ dof / dof.sum()
         deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, SMALLEST_VARIANCE))
-    without = deviance.sum(axis=0) - deviance
+    total = deviance.sum(axis=0)
+    without = (total - deviance)[:, :choices]
     rise = without[:, 0] - without.min(axis=1)
     bound = float(scipy.special.chdtri(2, _LEVEL))
     others = tuple(
         every[int(np.argmin(row))] if up > bound else WHITE
         for row, up in zip(without, rise, strict=True)
     )
-    if len(sections) < 2:
-        return WHITE, (WHITE,) * len(sections)
-    whole = every[int(np.argmin(deviance.sum(axis=0)))] if rise.min() > bound else WHITE
-    return whole, others
+    if len(sections) < 2 or rise.min() <= bound:
+        return FittedCorrelations(WHITE, (WHITE,) * len(sections) if len(sections) < 2 else others)
+    least = float(total[:choices].min())
+    excess = float(total[choices:].min()) - least
+    return FittedCorrelations(
+        every[int(np.argmin(total[:choices]))],
+        others,
+        float(rise.min()),
+        excess < float(scipy.special.chdtri(1, _EXCLUDED)),
+    )
 
 
 def fine_variance(

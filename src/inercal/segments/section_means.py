@@ -4,7 +4,11 @@ The noise of the resting sections is pooled: its density at zero frequency, by b
 the covariance of each mean, also of the turns (the scatter within a turn is motion, not noise). A
 correlation longer than a batch enlarges the covariance, and a section with another scatter than the
 others gets a separate variance (`inercal.segments.section_noise`). Bias instability and random
-walk, which act between sections, are not estimated: the sensor's noise states them.
+walk, which act between sections, are not estimated: the sensor's noise states them. Where it does
+not, a drift (quadratic in time, here) is not excluded. The slopes within all sections measure it, with an
+uncertainty that is several times that of a mean. Taken off the means, with its covariance between
+them, it is weighed against all else that shows a drift, such as repeated positions: the fit is that
+of means and slopes together.
 
 A slow ramp of temperature moves a bias within a section, which is not noise. Over all sections each
 channel has two slopes, of its bias and of its scale factor, by least squares::
@@ -68,9 +72,9 @@ def observe(
         Whether the sections are known to be at rest: they were detected by their scatter, or
         `require_still` has checked them.
     drifting : bool
-        Whether a drift linear in time, significant in the slopes of the sections, is added to
-        `drift`, about the middle of the rests: for plans that read each axis too seldom to show it
-        otherwise. Without a trial axis.
+        Whether the drift that the slopes of the sections show, about the middle of the rests, is
+        taken off the accelerometers' means, with what the slopes leave open of it in
+        `drift`. Without a trial axis.
     turning : sequence of str
         Labels of further steps whose scatter is motion.
 
@@ -129,17 +133,19 @@ def observe(
     covariance = density[..., None, :, :] / samples[:, None, None]
     at_rest = [used.index(step) for step in holds]
     names = [step.label for step in holds]
+    since = middles - middles[at_rest].mean()
 
     def judged(of: Sections) -> tuple[Array, SectionNoise]:
         """Return the factors on the deviations of all rows, (r, m), and their statistics."""
         noise = section_noise_statistics(
-            sensor, of, durations[at_rest], names, coarse, by_hand=by_hand
+            sensor, of, durations[at_rest], since[at_rest], names, coarse, by_hand=by_hand
         )
         variance = noise.factor(durations, durations[at_rest], batches)
         variance[at_rest] *= noise.scale
         return np.sqrt(variance), noise
 
     tests, notes, noise = (), (), None
+    means = np.stack([section(step).mean(axis=-2) for step in used], axis=-2)
     drift = drift_covariance(
         [axis.noise for axis in sensor.axes],
         middles - recording.time[0],
@@ -149,11 +155,12 @@ def observe(
     if recording.data.ndim == 2:
         factor, noise = judged(at_rest_all)
         tests, notes = noise.tests, noise.notes
-        if drifting and noise.trend.any():
-            since = middles - middles[at_rest].mean()
-            shared = np.outer(since, since)[..., None] * noise.trend**2
+        if drifting and noise.drift.covariance.any():
+            away, shared = noise.drift.course(since, recording.duration)
+            means = means - away
             drift = shared if drift is None else drift + shared
-            notes = (*notes, *drift_notes(sensor, noise.trend * recording.duration))
+            reach = np.sqrt(noise.drift.covariance[:, 0, 0]) * recording.duration
+            notes = (*notes, *drift_notes(sensor, reach))
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
         kelvins: list[Array | None] = [temperature] * len(trials)
@@ -167,7 +174,7 @@ def observe(
         covariance[at_rest] += noise.disturbance_variance[:, :, None] * np.eye(len(columns))
     return Observations(
         labels=tuple(step.label for step in used),
-        mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),
+        mean=means,
         covariance=covariance + np.diag(coarse),
         duration=durations,
         samples=samples,
