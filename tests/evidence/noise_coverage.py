@@ -3,9 +3,8 @@
 A first-order Gauss–Markov process of 1 mg, with a memory shorter or longer than what one would
 average over, or a drift of the accelerometers' biases over the run, is added to recordings of
 `tests.evidence.cases.hand_recordings`; each axis drifts by half the size to all of it, either
-way, linearly or as exp(−t/τ) with τ a tenth to all of the run, and the truth of its bias is the
-mean over the run. The truth of a bias with slow noise is its mean over all time: a memory longer
-than the run shifts the bias of this run. An error counts if it exceeds 2u in a
+way, linearly or as exp(−t/τ) with τ a tenth to all of the run. The truth of a bias is its mean over the
+run: how far that is from the mean of other runs no recording shows. An error counts if it exceeds 2u in a
 session that is called consistent; the share is of all coefficients of all sessions.
 
 `python -m tests.evidence.noise_coverage` works out all cases and writes
@@ -52,26 +51,26 @@ Commit {commit}; {machine}.
 
 @dataclass(frozen=True)
 class AddedDisturbance:
-    """What is added to recordings: noise with a memory, s, or a drift over the run, SI."""
+    """What is added to recordings: noise with a memory, s, or a drift over the run, m/s²."""
 
     words: str
     memory: float = 0.0
-    drift: float = 0.0
-    shape: str = "linear"
-    slow: float = 0.0
+    size: float = 0.0
+    shape: str = ""
 
 
-MEMORIES = (0.05, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)  # s
+# s, by the size in mg
+MEMORIES = {1.0: (0.05, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0), 0.2: (1.0, 10.0, 30.0, 100.0)}
 DRIFTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)  # mg
 DISTURBANCES = (
     AddedDisturbance("nothing"),
     *(
-        AddedDisturbance(f"noise of {size:g} mg with a memory of {memory:g} s", memory, slow=size * MG)
-        for size in (1.0, 0.2)
-        for memory in MEMORIES
+        AddedDisturbance(f"noise of {size:g} mg with a memory of {memory:g} s", memory, size * MG)
+        for size, memories in MEMORIES.items()
+        for memory in memories
     ),
     *(
-        AddedDisturbance(f"{shape} drift of {size:g} mg over the run", 0.0, size * MG, shape)
+        AddedDisturbance(f"{shape} drift of {size:g} mg", 0.0, size * MG, shape)
         for shape in ("linear", "exponential")
         for size in DRIFTS
     ),
@@ -120,9 +119,9 @@ def calibrate_session(
     values = here.draw(rng)
     truth = {name: values[name] for name in here.coefficients}
     if added.memory:
-        values |= {"slow": added.slow, "memory": added.memory}
-    for axis in "xyz" if added.drift else "":
-        size = added.drift * rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
+        values |= {"slow": added.size, "memory": added.memory, "of_run": 1.0}
+    for axis in "xyz" if added.shape else "":
+        size = added.size * rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
         values[f"a{axis}.drift"] = float(size)
     if added.shape == "exponential":
         values["settling"] = float(np.exp(rng.uniform(np.log(0.1), 0.0)))

@@ -23,10 +23,12 @@ from inercal.arrays import Array
 COARSE_LEVELS = 2  # levels that show a change; the finer ones show the noise
 SMALLEST_VARIANCE = 1e-6  # of the mean variance: sections that are exactly constant
 _LEVEL = 0.01  # of the likelihood ratio for a correlation
-_EXCLUDED = 0.05  # of the likelihood ratio for a memory as long as the sections
+# Of likelihood ratios against a memory that is long, and against all that are short.
+_EXCLUDED, _EXCLUDED_SHORT = 0.01, 0.05
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
 _TIMES = 14  # of τ
-_LONG_RATIOS = np.geomspace(0.1, 3e5, 43)  # ρ of a memory as long as the sections
+_SHORT, _LONG = 1 / 9, 4.0  # times a section; it shows the latter as a random walk
+_LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ of that
 _SURE = 1e9  # degrees of freedom of a prior that all sections fit
 
 
@@ -94,8 +96,8 @@ class FittedCorrelations(NamedTuple):
         Twice the rise of the logarithm of the likelihood above that of white noise, the smallest
         of all sections but each; 0 without a correlation.
     long : bool
-        Whether there is a correlation, and a memory as long as the sections is not excluded: how
-        far the noise wanders between them is then unknown.
+        Whether the memory is no small part of a section, and one much longer than the sections is
+        not excluded: how far the noise wanders between them is then unknown.
     """
 
     whole: NoiseCorrelation
@@ -113,7 +115,7 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
     channels = max(sections[0].levels[0].shape[1], 1)
     every = [WHITE, *grid]
     choices = len(every)
-    every += [NoiseCorrelation(float(ratio), longest) for ratio in _LONG_RATIOS]
+    every += [NoiseCorrelation(float(ratio), _LONG * longest) for ratio in _LONG_RATIOS]
     ratio, tau = (
         np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
     )
@@ -133,14 +135,13 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
     )
     if len(sections) < 2 or rise.min() <= bound:
         return FittedCorrelations(WHITE, (WHITE,) * len(sections) if len(sections) < 2 else others)
-    least = float(total[:choices].min())
-    excess = float(total[choices:].min()) - least
-    return FittedCorrelations(
-        every[int(np.argmin(total[:choices]))],
-        others,
-        float(rise.min()),
-        excess < float(scipy.special.chdtri(1, _EXCLUDED)),
-    )
+    short = tau[:, 0] <= _SHORT * longest
+    short[choices:] = False
+    least = float(total.min())
+    walks = float(total[choices:].min()) - least < float(scipy.special.chdtri(1, _EXCLUDED))
+    slow = float(total[short].min()) - least > float(scipy.special.chdtri(1, _EXCLUDED_SHORT))
+    whole = every[int(np.argmin(total[:choices]))]
+    return FittedCorrelations(whole, others, float(rise.min()), walks and slow)
 
 
 def fine_variance(

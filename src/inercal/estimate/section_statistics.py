@@ -14,10 +14,10 @@ process of correlation time τ gives, with a = 1 − exp(−h/τ)::
 and the mean of the section the density w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))), over the number of
 samples. ρ and τ are common to all sections, w is each section's own; they maximise the likelihood,
 and are kept where twice its logarithm rises by more than the 99 % bound, whichever section is left
-out: one disturbed section is no correlation. τ is at most T/2. Where τ = T is as likely (its
-likelihood ratio is within the 95 % bound), the noise is as slow as the sections or slower: no
-statistic within them tells how far it wanders from one to the next, and the model, in which the
-noise of sections is independent, is rejected with the p-value of the correlation.
+out: one disturbed section is no correlation. τ is at most T/2. Where likelihood ratios exclude all τ
+below T/9 and do not exclude a random walk (τ = 4 T), no statistic within sections tells how far the
+noise wanders from one to the next: the model, in which the noise of sections is independent, is
+rejected with the p-value of the correlation.
 
 * Change within a section: the contrast of its halves, and those of the halves' halves, against the
   section's own scatter on the finer levels (F), by the correlation that the other sections show.
@@ -86,8 +86,8 @@ class SectionStatistics:
         Variance of each mean by a change or a burst that is found in its section: the square of
         how far that moved the mean. Zero of all other sections.
     within, trend_test, long_test : ModelTest, optional
-        Of a change within a section, of a trend common to all, and of noise as slow as the
-        sections; the first two name the worst section or channel.
+        Of a change within a section, of a trend common to all, and of noise that may be slower
+        than the sections; the first two name the worst section or channel.
     shape : "change" or "burst"
         Of the worst change within a section.
     """
