@@ -40,6 +40,9 @@ class Observations:
         Degrees of freedom of the covariance; infinite when it was stated.
     drift : (r, r, m) array or None
         Covariance between rows of each channel's slow drift, which `covariance` excludes.
+    drift_mean : (r, m) array or None
+        The drift that `mean` contains, as the slopes within rows show it; what they leave open is
+        in `drift`. `without_drift` takes it off; where it is left, `full_covariance` includes it.
     rounding : (m,) array or None
         Variance that coarse steps of the channels add to each mean, part of `covariance`.
     transitions : Transitions or None
@@ -76,6 +79,7 @@ class Observations:
     channels: tuple[str, ...]
     dof: float = np.inf
     drift: Array | None = None
+    drift_mean: Array | None = None
     rounding: Array | None = None
     transitions: Transitions | None = None
     halves: HalfSectionChanges | None = None
@@ -143,11 +147,20 @@ class Observations:
         if self.drift is not None:
             for a in range(m):
                 full[..., :, a, :, a] += self.drift[..., a]
+        if self.drift_mean is not None:
+            for a, course in enumerate(self.drift_mean.T):
+                full[..., :, a, :, a] += np.outer(course, course)
         full = full.reshape(*full.shape[:-4], r * m, r * m)
         if self.common is not None:
             effect = self.common.reshape(*self.common.shape[:-3], r * m, -1)
             full = full + effect @ np.swapaxes(effect, -1, -2)
         return full
+
+    def without_drift(self) -> "Observations":
+        """Return the observations with `drift_mean` taken off the means."""
+        if self.drift_mean is None:
+            return self
+        return replace(self, mean=self.mean - self.drift_mean, drift_mean=None)
 
     def temperature_offset(self, reference: float) -> Array:
         """Return the temperature of each row minus a reference, (..., r) K; () of 0 without one."""
@@ -197,6 +210,7 @@ class Observations:
             samples=self.samples[kept],
             time=self.time[kept],
             drift=None if drift is None else drift[np.ix_(kept, kept)],
+            drift_mean=None if self.drift_mean is None else self.drift_mean[kept],
             transitions=None,
             halves=None,
             track=None,
@@ -211,7 +225,11 @@ def join_observations(one: Observations, other: Observations) -> Observations:
     The result has temperatures only where both have.
     """
     r, s, m = len(one.labels), len(other.labels), len(one.channels)
-    drift = None
+    drift, course = None, None
+    if one.drift_mean is not None or other.drift_mean is not None:
+        course = np.zeros((r + s, m))
+        course[:r] = 0.0 if one.drift_mean is None else one.drift_mean
+        course[r:] = 0.0 if other.drift_mean is None else other.drift_mean
     if one.drift is not None or other.drift is not None:
         drift = np.zeros((r + s, r + s, m))
         drift[:r, :r] = 0.0 if one.drift is None else one.drift
@@ -226,6 +244,7 @@ def join_observations(one: Observations, other: Observations) -> Observations:
         channels=one.channels,
         dof=min(one.dof, other.dof),
         drift=drift,
+        drift_mean=course,
         rounding=one.rounding,
         tests=(*one.tests, *other.tests),
         notes=(*one.notes, *other.notes),

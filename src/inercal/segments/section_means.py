@@ -72,9 +72,9 @@ def observe(
         Whether the sections are known to be at rest: they were detected by their scatter, or
         `require_still` has checked them.
     drifting : bool
-        Whether the drift that the slopes of the sections show, about the middle of the rests, is
-        taken off the accelerometers' means, with what the slopes leave open of it in
-        `drift`. Without a trial axis.
+        Whether the drift of the accelerometers that the slopes of the sections show, about the
+        middle of the rests, is in `drift_mean`, and what they leave open of it in `drift`. Without
+        a trial axis.
     turning : sequence of str
         Labels of further steps whose scatter is motion.
 
@@ -144,8 +144,7 @@ def observe(
         variance[at_rest] *= noise.scale
         return np.sqrt(variance), noise
 
-    tests, notes, noise = (), (), None
-    means = np.stack([section(step).mean(axis=-2) for step in used], axis=-2)
+    tests, notes, noise, course = (), (), None, None
     drift = drift_covariance(
         [axis.noise for axis in sensor.axes],
         middles - recording.time[0],
@@ -156,8 +155,7 @@ def observe(
         factor, noise = judged(at_rest_all)
         tests, notes = noise.tests, noise.notes
         if drifting and noise.drift.covariance.any():
-            away, shared = noise.drift.course(since, recording.duration)
-            means = means - away
+            course, shared = noise.drift.course(since, recording.duration)
             drift = shared if drift is None else drift + shared
             reach = np.sqrt(noise.drift.covariance[:, 0, 0]) * recording.duration
             notes = (*notes, *drift_notes(sensor, reach))
@@ -174,7 +172,7 @@ def observe(
         covariance[at_rest] += noise.disturbance_variance[:, :, None] * np.eye(len(columns))
     return Observations(
         labels=tuple(step.label for step in used),
-        mean=means,
+        mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),
         covariance=covariance + np.diag(coarse),
         duration=durations,
         samples=samples,
@@ -182,6 +180,7 @@ def observe(
         channels=sensor.channels,
         dof=dof,
         drift=drift,
+        drift_mean=course,
         rounding=coarse,
         tests=tests,
         notes=notes,
