@@ -14,9 +14,9 @@ process of correlation time τ gives, with a = 1 − exp(−h/τ)::
 and the mean of the section the density w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))), over the number of
 samples. ρ and τ are common to all sections, w is each section's own; they maximise the likelihood,
 and are kept where twice its logarithm rises by more than the 99 % bound, whichever section is left
-out: one disturbed section is no correlation. τ is at most T/2. Where likelihood ratios exclude all τ
-below T/9 and do not exclude a random walk (τ = 4 T), no statistic within sections tells how far the
-noise wanders from one to the next: the model, in which the noise of sections is independent, is
+out: one disturbed section is no correlation. τ is at most T/2. Where likelihood ratios exclude all
+τ below T/9 and do not exclude a random walk (τ = 4 T), no statistic within sections tells how far
+the noise wanders from one to the next: the model, in which the noise of sections is independent, is
 rejected with the p-value of the correlation.
 
 * Change within a section: the contrast of its halves, and those of the halves' halves, against the

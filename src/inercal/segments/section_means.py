@@ -5,10 +5,10 @@ the covariance of each mean, also of the turns (the scatter within a turn is mot
 correlation longer than a batch enlarges the covariance, and a section with another scatter than the
 others gets a separate variance (`inercal.segments.section_noise`). Bias instability and random
 walk, which act between sections, are not estimated: the sensor's noise states them. Where it does
-not, a drift (quadratic in time, here) is not excluded. The slopes within all sections measure it, with an
-uncertainty that is several times that of a mean. Taken off the means, with its covariance between
-them, it is weighed against all else that shows a drift, such as repeated positions: the fit is that
-of means and slopes together.
+not, a drift is not excluded. The slopes within all sections measure one that is quadratic in time,
+with an uncertainty that is several times that of a mean. Taken off the means, with its covariance
+between them, it is weighed against all else that shows a drift, such as repeated positions: the fit
+is that of means and slopes together.
 
 A slow ramp of temperature moves a bias within a section, which is not noise. Over all sections each
 channel has two slopes, of its bias and of its scale factor, by least squares::

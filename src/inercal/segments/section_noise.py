@@ -117,9 +117,7 @@ def section_noise_statistics(
         judged = analyse_sections(cut, labels, ["accelerometers along gravity"], steps)
         # The effect of a drift changes its sign with the attitude: the norms of all rests show it.
         within = (judged.within,) if judged.within and judged.shape == "change" else ()
-        return SectionNoise(
-            scale, (WHITE,) * m, drift, within, (), disturbance_variance
-        )
+        return SectionNoise(scale, (WHITE,) * m, drift, within, (), disturbance_variance)
     for kind, words in _KINDS.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not own:

@@ -30,7 +30,7 @@ def npz_archive(**columns: NDArray[np.generic]) -> bytes:
 
 
 def _slow_noise(rng: np.random.Generator, n: int, hz: float, v: Values) -> Array:
-    """Return noise with a memory of some seconds, (n, 3), about its mean if "of_run" is not zero."""
+    """Return noise with a memory of some seconds, (n, 3), with "of_run" about its own mean."""
     memory = v.get("memory", 1.0)
     kept = np.exp(-1 / (hz * memory))
     white = np.sqrt(1 - kept**2) * rng.standard_normal((n, 3))

@@ -149,7 +149,7 @@ class Rests:
         seen, noises = self.observations, [axis.noise for axis in self.force.axes]
         if not seen.timed or any(one.bias_instability or one.random_walk for one in noises):
             return np.zeros((0, len(seen.time), self.m))
-        since = seen.time - seen.time.mean()
+        since: Array = seen.time - seen.time.mean()
         square = float(np.mean(since**2))
         own = np.diagonal(seen.covariance, axis1=1, axis2=2)[:, : self.m]
         of_slopes = self.m / np.sum(seen.duration[:, None] ** 2 / (12 * own), axis=0)
