@@ -83,7 +83,7 @@ def contrast_powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Arra
     return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
 
 
-class FittedCorrelations(NamedTuple):
+class SectionCorrelations(NamedTuple):
     """The correlation of the noise of r sections.
 
     Parameters
@@ -106,7 +106,7 @@ class FittedCorrelations(NamedTuple):
     long: bool = False
 
 
-def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> FittedCorrelations:
+def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> SectionCorrelations:
     """Return the correlation of sections from their `contrast_powers`."""
     longest = max(one.seconds for one in sections)
     shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
@@ -134,14 +134,14 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
         for row, up in zip(without, rise, strict=True)
     )
     if len(sections) < 2 or rise.min() <= bound:
-        return FittedCorrelations(WHITE, (WHITE,) * len(sections) if len(sections) < 2 else others)
+        return SectionCorrelations(WHITE, (WHITE,) * len(sections) if len(sections) < 2 else others)
     short = tau[:, 0] <= _SHORT * longest
     short[choices:] = False
     least = float(total.min())
     walks = float(total[choices:].min()) - least < float(scipy.special.chdtri(1, _EXCLUDED))
     slow = float(total[short].min()) - least > float(scipy.special.chdtri(1, _EXCLUDED_SHORT))
     whole = every[int(np.argmin(total[:choices]))]
-    return FittedCorrelations(whole, others, float(rise.min()), walks and slow)
+    return SectionCorrelations(whole, others, float(rise.min()), walks and slow)
 
 
 def fine_variance(

@@ -28,7 +28,7 @@ class SectionDrift(NamedTuple):
     covariance: Array  # (m, 2, 2)
 
     @classmethod
-    def none(cls, m: int) -> "SectionDrift":
+    def zero(cls, m: int) -> "SectionDrift":
         """Return no drift, known exactly."""
         return cls(np.zeros((2, m)), np.zeros((m, 2, 2)))
 
@@ -106,7 +106,7 @@ def section_noise_statistics(
     """
     r, m = len(labels), len(sensor.axes)
     scale, disturbance_variance = np.ones((r, m)), np.zeros((r, m))
-    drift = SectionDrift.none(m)
+    drift = SectionDrift.zero(m)
     correlation = [WHITE] * m
     tests: list[ModelTest] = []
     notes: list[str] = []
