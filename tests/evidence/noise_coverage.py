@@ -44,8 +44,8 @@ recordings made by generators that know nothing of inercal (`tests/evidence/nois
 six rests of 10 s in 70 s, and of 24 rests of 3 s in 110 s. The truth of a bias is its mean over the
 run; how far that is from the mean of other runs no recording shows. Counted are coefficients that
 err by more than 2u in sessions that are called consistent, as a share of all coefficients of all
-sessions: at most {most:.0%} are allowed, or the upper end of the 99.9 % band of the draws; 4.6 % are
-what a normal distribution has. Seed {seed}.
+sessions: at most {most:.0%} are allowed, or the upper end of the 99.9 % band of the draws; 4.6 %
+are what a normal distribution has. Seed {seed}.
 
 | method | what is added | sessions | called consistent | beyond 2u | NEES of those |
 |---|---|---|---|---|---|
