@@ -19,9 +19,12 @@ AXES = "xyz"
 def accelerometers(v: Values, f: Array, place: Array | None = None) -> Array:
     """Return readings (r, 3) of specific force (r, 3), m/s².
 
-    `place` is where each row stands in the run, −½ to ½; without it there is no drift.
+    `place` is where each row stands in the run, −½ to ½; without it there is no drift. A drift is
+    linear, or with "settling" exponential with this share of the run as its time constant.
     """
     y = np.empty_like(f)
+    if place is not None and v.get("settling", 0.0):
+        place = settling_course(place, v["settling"])
     for i, axis in enumerate(AXES):
         own, p, o = f[:, i], f[:, (i + 1) % 3], f[:, (i + 2) % 3]
         at = f"a{axis}."
@@ -49,6 +52,12 @@ def accelerometers(v: Values, f: Array, place: Array | None = None) -> Array:
         if place is not None:
             y[:, i] += c("drift") * place
     return y
+
+
+def settling_course(place: Array, constant: float) -> Array:
+    """Return an exponential course over a run, −½ to ½: its mean is zero, it rises by one."""
+    whole = -np.expm1(-1 / constant)
+    return np.asarray((constant * whole - np.exp(-(place + 0.5) / constant)) / whole, dtype=float)
 
 
 def gyros(v: Values, w: Array, f: Array, place: Array | None = None) -> Array:

@@ -459,7 +459,7 @@ def test_a_wrong_clock_within_its_deviation_stays_within_u(estimator: str):
         assert abs(estimate.value[k] - known[k]) < 4 * estimate.std[k] < 0.4 * tau
 
 
-def gravity_lines(gravity_sd: float, positions: int = 16) -> list[str]:
+def gravity_lines(gravity_sd: float, positions: int = 24) -> list[str]:
     """Return the advice of a session whose gravity is known to `gravity_sd`, m/s²."""
     rng = np.random.default_rng(89)
     sensor = whole()

@@ -3,16 +3,12 @@
 The recordings are those of `tests.evidence.cases.hand_recordings`, which know nothing of inercal.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.special import chdtri
 from tests.evidence import graded_calibration
 from tests.evidence.cases import hand_recordings
 from tests.evidence.graded_calibration import GradedCalibration
-
-from inercal.recording import MeansTrend, Observations
 
 MG = 9.80665e-3
 MOST_BEYOND = 0.07  # of coefficients beyond 2u, in sessions called consistent
@@ -60,29 +56,3 @@ def test_a_drift_of_any_size_leaves_errors_as_stated(drift: float):
     nees, beyond, _ = counted(drift, 100, 21)
     assert beyond <= MOST_BEYOND
     assert nees < 1 + 3.29 * np.sqrt(2 / 1200)
-
-
-def test_a_trend_is_subtracted_and_what_it_leaves_is_one_error_of_all_rows():
-    time = np.array([-1.0, 0.0, 1.0])
-    value, sd = time[:, None] * [3.0, 0.0], time[:, None] * [0.5, 0.0]
-    shared = np.zeros((3, 3, 2))
-    shared[..., 0], shared[..., 1] = 9.0, 7.0
-    made = Observations(
-        labels=("a", "b", "c"),
-        mean=np.ones((3, 2)),
-        covariance=np.broadcast_to(np.eye(2), (3, 2, 2)),
-        duration=np.ones(3),
-        samples=np.ones(3, dtype=np.int64),
-        time=time,
-        channels=("ax", "gx"),
-        drift=shared,
-        trend=MeansTrend(value, sd),
-    )
-    left = made.without_trend()
-    assert left.drift is not None
-    np.testing.assert_allclose(left.mean, 1 - value)
-    np.testing.assert_allclose(left.drift[..., 0], 0.25 * np.outer(time, time))
-    np.testing.assert_allclose(left.drift[..., 1], 7.0)
-    assert left.without_trend() is left
-    assert made.rows([0, 2]).trend is not None
-    assert replace(made, trend=None).without_trend().drift is shared

@@ -60,17 +60,34 @@ def test_a_step_within_a_rest_names_the_rest_and_the_axis() -> None:
     assert SENSOR.channels[2] in worst.name
 
 
-def test_a_drift_over_the_run_is_named_and_counted_between_the_rests() -> None:
+@pytest.mark.parametrize("settling", [False, True])
+def test_a_drift_over_the_run_is_named_and_taken_off_the_means(settling: bool) -> None:
     values, reach = data(), 4e-3 * G
-    time = (np.arange(len(values)) + 0.5) / len(values) - 0.5
-    values += reach * time[:, None]
+    time = (np.arange(len(values)) + 0.5) / len(values)
+    course = -np.exp(-2 * time) if settling else time
+    values += reach * (course - course.mean())[:, None]
     found = seen(values, drifting=True)
     assert min(p_values(found)) < 1e-6
     assert found.drift is not None
-    # From the first rest to the last, five sixths of the run.
-    apart = found.drift[0, 0] + found.drift[-1, -1] - 2 * found.drift[0, -1]
-    np.testing.assert_allclose(np.sqrt(apart), 5 / 6 * reach, rtol=0.2)
+    spread = np.sqrt(np.diagonal(found.drift, axis1=0, axis2=1).T + sd(found) ** 2)
+    exact = [G * np.array(step.up) for step in STEPS]
+    assert np.abs((found.without_drift().mean - exact) / spread).max() < 4
+    # Formulas that take the means as they are have the drift itself in their covariance.
+    every = np.diagonal(found.full_covariance).reshape(6, 3)
+    assert (np.abs(found.mean - exact) < 2.5 * np.sqrt(every)).all()
+    # The slopes of 10 s leave 0.005 m/s² over the run open.
+    assert 0.1 * reach < spread[0].max() < 0.3 * reach
     assert seen(values).drift is None
+
+
+def test_noise_as_slow_as_the_rests_rejects_the_model() -> None:
+    rng = np.random.default_rng(5)
+    values = data(5)
+    steps = 0.02 / np.sqrt(RATE) * rng.standard_normal(values.shape)
+    found = seen(values + np.cumsum(steps, axis=0), found=True)
+    slow = [test for test in found.tests if "slower" in test.name]
+    assert [test.p_value < 1e-4 for test in slow] == [True]
+    assert not any("slower" in test.name for test in seen(data(5)).tests)
 
 
 def test_slow_noise_enlarges_the_variance_of_means_and_is_reported() -> None:

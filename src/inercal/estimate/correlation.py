@@ -23,8 +23,12 @@ from inercal.arrays import Array
 COARSE_LEVELS = 2  # levels that show a change; the finer ones show the noise
 SMALLEST_VARIANCE = 1e-6  # of the mean variance: sections that are exactly constant
 _LEVEL = 0.01  # of the likelihood ratio for a correlation
+# Of likelihood ratios against a memory that is long, and against all that are short.
+_EXCLUDED, _EXCLUDED_SHORT = 0.01, 0.05
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
 _TIMES = 14  # of τ
+_SHORT, _LONG = 1 / 9, 4.0  # times a section; it shows the latter as a random walk
+_LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ of that
 _SURE = 1e9  # degrees of freedom of a prior that all sections fit
 
 
@@ -79,16 +83,39 @@ def contrast_powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Arra
     return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
 
 
-def fit_correlations(
-    powers: Sequence[Array], sections: Sequence[Contrasts]
-) -> tuple[NoiseCorrelation, tuple[NoiseCorrelation, ...]]:
-    """Return the correlation of all sections, and that of all but each."""
+class SectionCorrelations(NamedTuple):
+    """The correlation of the noise of r sections.
+
+    Parameters
+    ----------
+    whole : NoiseCorrelation
+        Of all sections.
+    others : tuple of r NoiseCorrelation
+        Of all sections but each.
+    rise : float
+        Twice the rise of the logarithm of the likelihood above that of white noise, the smallest
+        of all sections but each; 0 without a correlation.
+    long : bool
+        Whether the memory is no small part of a section, and one much longer than the sections is
+        not excluded: how far the noise wanders between them is then unknown.
+    """
+
+    whole: NoiseCorrelation
+    others: tuple[NoiseCorrelation, ...]
+    rise: float = 0.0
+    long: bool = False
+
+
+def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> SectionCorrelations:
+    """Return the correlation of sections from their `contrast_powers`."""
     longest = max(one.seconds for one in sections)
     shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
     times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
     grid = [NoiseCorrelation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
     channels = max(sections[0].levels[0].shape[1], 1)
     every = [WHITE, *grid]
+    choices = len(every)
+    every += [NoiseCorrelation(float(ratio), _LONG * longest) for ratio in _LONG_RATIOS]
     ratio, tau = (
         np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
     )
@@ -98,17 +125,23 @@ def fit_correlations(
         shape = _contrast_variance_ratio(ratio, tau, block_durations(one.seconds, len(one.levels)))
         own = (power / shape) @ dof / dof.sum()
         deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, SMALLEST_VARIANCE))
-    without = deviance.sum(axis=0) - deviance
+    total = deviance.sum(axis=0)
+    without = (total - deviance)[:, :choices]
     rise = without[:, 0] - without.min(axis=1)
     bound = float(scipy.special.chdtri(2, _LEVEL))
     others = tuple(
         every[int(np.argmin(row))] if up > bound else WHITE
         for row, up in zip(without, rise, strict=True)
     )
-    if len(sections) < 2:
-        return WHITE, (WHITE,) * len(sections)
-    whole = every[int(np.argmin(deviance.sum(axis=0)))] if rise.min() > bound else WHITE
-    return whole, others
+    if len(sections) < 2 or rise.min() <= bound:
+        return SectionCorrelations(WHITE, (WHITE,) * len(sections) if len(sections) < 2 else others)
+    short = tau[:, 0] <= _SHORT * longest
+    short[choices:] = False
+    least = float(total.min())
+    walks = float(total[choices:].min()) - least < float(scipy.special.chdtri(1, _EXCLUDED))
+    slow = float(total[short].min()) - least > float(scipy.special.chdtri(1, _EXCLUDED_SHORT))
+    whole = every[int(np.argmin(total[:choices]))]
+    return SectionCorrelations(whole, others, float(rise.min()), walks and slow)
 
 
 def fine_variance(

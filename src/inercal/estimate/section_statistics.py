@@ -14,8 +14,10 @@ process of correlation time τ gives, with a = 1 − exp(−h/τ)::
 and the mean of the section the density w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))), over the number of
 samples. ρ and τ are common to all sections, w is each section's own; they maximise the likelihood,
 and are kept where twice its logarithm rises by more than the 99 % bound, whichever section is left
-out: one disturbed section is no correlation. τ is at most T/2: what is slower shows between
-sections.
+out: one disturbed section is no correlation. τ is at most T/2. Where likelihood ratios exclude all
+τ below T/9 and do not exclude a random walk (τ = 4 T), no statistic within sections tells how far
+the noise wanders from one to the next: the model, in which the noise of sections is independent, is
+rejected with the p-value of the correlation.
 
 * Change within a section: the contrast of its halves, and those of the halves' halves, against the
   section's own scatter on the finer levels (F), by the correlation that the other sections show.
@@ -64,7 +66,7 @@ _RAREST = 1e-290
 _ROUNDING = 16 * float(np.finfo(float).eps)  # of a reading
 _COMMON = "drift common to all sections"
 _BEYOND = 0.05  # of the test of a common trend, below which the trend counts
-_UNSEEN = 0.1  # of the variance that noise gives the mean slope
+_LONG = "noise slower than the sections"
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +81,14 @@ class SectionStatistics:
         Variance of each section's noise over that of all.
     trend, trend_sd : (m,) arrays
         Per second, of the mean slope; NaN of fewer than three sections.
+    slope_sd : (m,) array
+        Of `Contrasts.slope` of one section; NaN of fewer than three sections.
     disturbance_variance : (r, m) array
         Variance of each mean by a change or a burst that is found in its section: the square of
         how far that moved the mean. Zero of all other sections.
-    within, trend_test : ModelTest, optional
-        Of a change within a section, and of a trend common to all; each names the worst section or
-        channel.
+    within, trend_test, long_test : ModelTest, optional
+        Of a change within a section, of a trend common to all, and of noise that may be slower
+        than the sections; the first two name the worst section or channel.
     shape : "change" or "burst"
         Of the worst change within a section.
     """
@@ -93,15 +97,18 @@ class SectionStatistics:
     scale: Array
     trend: Array
     trend_sd: Array
+    slope_sd: Array
     disturbance_variance: Array
     within: ModelTest | None = None
     trend_test: ModelTest | None = None
+    long_test: ModelTest | None = None
     shape: Literal["change", "burst"] = "change"
 
     @property
     def tests(self) -> tuple[ModelTest, ...]:
-        """The two tests, those that exist."""
-        return tuple(test for test in (self.within, self.trend_test) if test is not None)
+        """The tests that exist."""
+        every = (self.within, self.trend_test, self.long_test)
+        return tuple(test for test in every if test is not None)
 
     @property
     def significant_trend_sd(self) -> Array:
@@ -118,16 +125,6 @@ class SectionStatistics:
             return np.zeros(len(self.trend))
         beyond = float(np.mean((self.trend[known] / self.trend_sd[known]) ** 2)) - 1
         return np.where(known, self.trend_sd, 0.0) * np.sqrt(max(beyond, 0.0))
-
-    @property
-    def undetectable_trend_sd(self) -> Array:
-        """Standard deviation of trends that are too small for the test to detect, per second.
-
-        A tenth of the variance that noise gives the mean slope, by choice: slopes show nothing of
-        smaller trends, and larger trends count as estimated.
-        """
-        known = (self.trend_sd > 0) & np.isfinite(self.trend_sd)
-        return np.sqrt(_UNSEEN) * np.where(known, self.trend_sd, 0.0)
 
 
 def haar_contrasts(section: Array, seconds: float) -> Contrasts:
@@ -190,10 +187,11 @@ def analyse_sections(
     used = np.flatnonzero(size > 0)
     if not used.size or not r:
         unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
-        return SectionStatistics(WHITE, np.ones(r), unknown, unknown, none)
-    fitted, others = fit_correlations(
+        return SectionStatistics(WHITE, np.ones(r), unknown, unknown, unknown, none)
+    correlations = fit_correlations(
         [contrast_powers(one, size, used) for one in sections], sections
     )
+    fitted, others = correlations.whole, correlations.others
     distinct = {id(found): found for found in (fitted, *others)}  # nearly all are one
     moderated = {
         key: moderated_variances([fine_variance(one, size, used, found) for one in sections])
@@ -216,11 +214,22 @@ def analyse_sections(
         if len(seen) * one.p < _LEVEL:
             disturbance_variance[one.section, one.channel] += one.variance
     steady = [one for one, own in zip(sections, disturbance_variance, strict=True) if not own.any()]
-    trend, sd, common = _trend(steady, names, size, used, None if coloured else fitted)
+    trend, sd, own, common = _trend(steady, names, size, used, None if coloured else fitted)
     scale = moderated[id(fitted)][0]
     test = model_test_from_p_value(name, len(seen) * worst.p)
+    # Slow noise that is stated is part of the model.
+    slow = correlations.long and not coloured
     return SectionStatistics(
-        fitted, scale / scale.mean(), trend, sd, disturbance_variance, test, common, worst.shape
+        fitted,
+        scale / scale.mean(),
+        trend,
+        sd,
+        own,
+        disturbance_variance,
+        test,
+        common,
+        ModelTest(_LONG, correlations.rise, 2) if slow else None,
+        worst.shape,
     )
 
 
@@ -331,11 +340,11 @@ def _trend(
     size: Array,
     used: NDArray[np.intp],
     correlation: NoiseCorrelation | None,
-) -> tuple[Array, Array, ModelTest | None]:
-    """Return the mean trend and its standard deviation, (m,) per second, and its test."""
+) -> tuple[Array, Array, Array, ModelTest | None]:
+    """Return the mean trend, its deviation and that of one slope, (m,) each, and its test."""
     m, r = len(names), len(sections)
     if r < 3:
-        return np.full(m, np.nan), np.full(m, np.nan), None
+        return np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan), None
     reach = np.array([one.slope_per_trend for one in sections])
     slope = np.stack([one.slope for one in sections])
     square = float(reach @ reach)
@@ -351,14 +360,15 @@ def _trend(
             shape = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
             total += float(np.sum((level[:, used] / size[used]) ** 2)) / (shape / halves)
             dof += level[:, used].size
-    sd = np.sqrt(total / dof / square) * size
+    own = np.sqrt(total / dof) * size
+    sd = own / np.sqrt(square)
     if not total > 0:
-        return mean, sd, None
+        return mean, sd, own, None
     square_t = np.zeros(m)
     square_t[used] = (mean[used] / sd[used]) ** 2
     p = float(scipy.special.fdtrc(used.size, dof, square_t.sum() / used.size))
     name = f"{_COMMON} ({names[int(square_t.argmax())]})"
-    return mean, sd, model_test_from_p_value(name, p)
+    return mean, sd, own, model_test_from_p_value(name, p)
 
 
 def largest_change_test(

@@ -62,7 +62,7 @@ def ml(
     NotObserved
         Coefficients that these steps do not determine, by name, and the steps that are missing.
     """
-    observations = observations.without_trend()
+    observations = observations.without_drift()
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]
     missing = [step for step in steps if step.label not in observations.labels]

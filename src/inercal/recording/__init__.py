@@ -5,7 +5,7 @@ trials, `(..., n, m)`; trials share times and labels.
 """
 
 from inercal.recording.findings import Finding, Severity, merge_findings, merge_messages
-from inercal.recording.observations import MeansTrend, Observations, join_observations
+from inercal.recording.observations import Observations, join_observations
 from inercal.recording.rounding_errors import (
     ReadingSteps,
     RoundedChannel,
@@ -41,7 +41,6 @@ __all__ = [
     "Indices",
     "LineBreaks",
     "Mark",
-    "MeansTrend",
     "Observations",
     "ReadingSteps",
     "Recording",

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +17,6 @@ from inercal.recording.transitions import HalfSectionChanges, Transitions
 
 if TYPE_CHECKING:
     from inercal.estimate import ModelTest
-
-
-class MeansTrend(NamedTuple):
-    """A drift linear in time that slopes within rows show: its effect on each mean.
-
-    Parameters
-    ----------
-    value, sd : (r, m) arrays
-        The effect about the middle of the rests, and its standard deviation, with the sign of the
-        time: of one channel all rows have one error. Zero of channels without.
-    """
-
-    value: Array
-    sd: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +41,9 @@ class Observations:
         Degrees of freedom of the covariance; infinite when it was stated.
     drift : (r, r, m) array or None
         Covariance between rows of each channel's slow drift, which `covariance` excludes.
+    drift_mean : (r, m) array or None
+        The drift that `mean` contains, as the slopes within rows show it; what they leave open is
+        in `drift`. `without_drift` takes it off; where it is left, `full_covariance` includes it.
     rounding : RoundingErrors or None
         Errors by coarse steps of the channels; of their covariance between rows the diagonal is
         part of `covariance`.
@@ -75,8 +64,6 @@ class Observations:
     common : (..., r, m, k) array or None
         Effect on each reading of k independent errors of unit variance, which rows have in common;
         `full_covariance` includes them.
-    trend : MeansTrend or None
-        What slopes within the rows show of a drift; `drift` has what is known of it without them.
 
     Raises
     ------
@@ -94,6 +81,7 @@ class Observations:
     channels: tuple[str, ...]
     dof: float = np.inf
     drift: Array | None = None
+    drift_mean: Array | None = None
     rounding: RoundingErrors | None = None
     transitions: Transitions | None = None
     halves: HalfSectionChanges | None = None
@@ -103,7 +91,6 @@ class Observations:
     timed: bool = True
     temperature: Array | None = None
     common: Array | None = None
-    trend: MeansTrend | None = None
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)
@@ -170,25 +157,20 @@ class Observations:
         if (between := self.between_rows) is not None:
             for a in range(m):
                 full[..., :, a, :, a] += between[..., a]
+        if self.drift_mean is not None:
+            for a, course in enumerate(self.drift_mean.T):
+                full[..., :, a, :, a] += np.outer(course, course)
         full = full.reshape(*full.shape[:-4], r * m, r * m)
         if self.common is not None:
             effect = self.common.reshape(*self.common.shape[:-3], r * m, -1)
             full = full + effect @ np.swapaxes(effect, -1, -2)
         return full
 
-    def without_trend(self) -> "Observations":
-        """Return the observations less the drift that slopes show, whose rest is in `drift`.
-
-        A likelihood that takes slopes as readings of a drift of any size is that of these means.
-        """
-        if self.trend is None:
+    def without_drift(self) -> "Observations":
+        """Return the observations with `drift_mean` taken off the means."""
+        if self.drift_mean is None:
             return self
-        value, sd = self.trend
-        known = np.flatnonzero(sd.any(axis=0))
-        r, m = sd.shape
-        drift = np.zeros((r, r, m)) if self.drift is None else self.drift.copy()
-        drift[..., known] = sd[:, None, known] * sd[None, :, known]
-        return replace(self, mean=self.mean - value, drift=drift, trend=None)
+        return replace(self, mean=self.mean - self.drift_mean, drift_mean=None)
 
     def temperature_offset(self, reference: float) -> Array:
         """Return the temperature of each row minus a reference, (..., r) K; () of 0 without one."""
@@ -228,7 +210,7 @@ class Observations:
     def rows(self, at: Sequence[int]) -> "Observations":
         """Return some rows, without transitions, changes within rows and samples."""
         kept = list(at)
-        drift, t, trend = self.drift, self.temperature, self.trend
+        drift, t = self.drift, self.temperature
         return replace(
             self,
             labels=tuple(self.labels[k] for k in kept),
@@ -238,7 +220,7 @@ class Observations:
             samples=self.samples[kept],
             time=self.time[kept],
             drift=None if drift is None else drift[np.ix_(kept, kept)],
-            trend=None if trend is None else MeansTrend(trend.value[kept], trend.sd[kept]),
+            drift_mean=None if self.drift_mean is None else self.drift_mean[kept],
             rounding=None if self.rounding is None else self.rounding.rows(kept),
             transitions=None,
             halves=None,
@@ -254,7 +236,11 @@ def join_observations(one: Observations, other: Observations) -> Observations:
     The result has temperatures only where both have.
     """
     r, s, m = len(one.labels), len(other.labels), len(one.channels)
-    drift = None
+    drift, course = None, None
+    if one.drift_mean is not None or other.drift_mean is not None:
+        course = np.zeros((r + s, m))
+        course[:r] = 0.0 if one.drift_mean is None else one.drift_mean
+        course[r:] = 0.0 if other.drift_mean is None else other.drift_mean
     if one.drift is not None or other.drift is not None:
         drift = np.zeros((r + s, r + s, m))
         drift[:r, :r] = 0.0 if one.drift is None else one.drift
@@ -269,6 +255,7 @@ def join_observations(one: Observations, other: Observations) -> Observations:
         channels=one.channels,
         dof=min(one.dof, other.dof),
         drift=drift,
+        drift_mean=course,
         rounding=join_rounding_errors(one.rounding, other.rounding, r, s),
         tests=(*one.tests, *other.tests),
         notes=(*one.notes, *other.notes),

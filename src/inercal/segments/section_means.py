@@ -4,7 +4,11 @@ The noise of the resting sections is pooled: its density at zero frequency, by b
 the covariance of each mean, also of the turns (the scatter within a turn is motion, not noise). A
 correlation longer than a batch enlarges the covariance, and a section with another scatter than the
 others gets a separate variance (`inercal.segments.section_noise`). Bias instability and random
-walk, which act between sections, are not estimated: the sensor's noise states them.
+walk, which act between sections, are not estimated: the sensor's noise states them. Where it does
+not, a drift is not excluded. The slopes within all sections measure one that is quadratic in time,
+with an uncertainty that is several times that of a mean. Taken off the means, with its covariance
+between them, it is weighed against all else that shows a drift, such as repeated positions: the fit
+is that of means and slopes together.
 
 A slow ramp of temperature moves a bias within a section, which is not noise. Over all sections each
 channel has two slopes, of its bias and of its scale factor, by least squares::
@@ -28,7 +32,6 @@ from inercal.errors import InputError
 from inercal.plan import Rotation, Step, Turn
 from inercal.recording import (
     Mark,
-    MeansTrend,
     Observations,
     Recording,
     rounded_channels,
@@ -78,9 +81,9 @@ def observe(
         Whether the sections are known to be at rest: they were detected by their scatter, or
         `require_still` has checked them.
     drifting : bool
-        Whether a drift linear in time, significant in the slopes of the sections, is added to
-        `drift`, about the middle of the rests: for plans that read each axis too seldom to show it
-        otherwise. Of accelerometers `trend` is what the slopes show of it. Without a trial axis.
+        Whether the drift of the accelerometers that the slopes of the sections show, about the
+        middle of the rests, is in `drift_mean`, and what they leave open of it in `drift`. Without
+        a trial axis.
     turning : sequence of str
         Labels of further steps whose scatter is motion.
 
@@ -141,11 +144,12 @@ def observe(
     covariance = density[..., None, :, :] / samples[:, None, None]
     at_rest = [used.index(step) for step in holds]
     names = [step.label for step in holds]
+    since = middles - middles[at_rest].mean()
 
     def judged(of: Sections) -> tuple[Array, SectionNoise]:
         """Return the factors on the deviations of all rows, (r, m), and their statistics."""
         noise = section_noise_statistics(
-            sensor, of, durations[at_rest], names, coarse, by_hand=by_hand
+            sensor, of, durations[at_rest], since[at_rest], names, coarse, by_hand=by_hand
         )
         variance = noise.factor(durations, durations[at_rest], batches)
         variance[at_rest] *= noise.scale
@@ -154,7 +158,7 @@ def observe(
     of_rows = None
     if temperature is not None:
         of_rows = np.stack([temperature[..., a:b].mean(axis=-1) for a, b in ranges], axis=-1)
-    tests, notes, noise, trend = (), (), None, None
+    tests, notes, noise, course = (), (), None, None
     drift = drift_covariance(
         [axis.noise for axis in sensor.axes],
         middles - recording.time[0],
@@ -164,16 +168,15 @@ def observe(
     if recording.data.ndim == 2:
         factor, noise = judged(at_rest_all)
         tests, notes = noise.tests, noise.notes
-        if drifting and noise.trend.any():
-            since = middles - middles[at_rest].mean()
-            shared = np.outer(since, since)[..., None] * noise.trend**2
+        slow = noise.drift
+        if temperature_varies(of_rows):
+            # A drift of the accelerometers cannot be told from the effect of the temperature.
+            slow = slow.of_channels([axis.measures == "w" for axis in sensor.axes])
+        if drifting and slow.covariance.any():
+            course, shared = slow.course(since, recording.duration)
             drift = shared if drift is None else drift + shared
-            open_trend = noise.trend
-            # Over rests at several temperatures a drift cannot be told from their effect.
-            if not temperature_varies(of_rows):
-                trend = MeansTrend(since[:, None] * noise.slope, since[:, None] * noise.slope_sd)
-                open_trend = np.where(noise.slope_sd > 0, noise.slope_sd, open_trend)
-            notes = (*notes, *drift_notes(sensor, open_trend * recording.duration))
+            reach = np.sqrt(slow.covariance[:, 0, 0]) * recording.duration
+            notes = (*notes, *drift_notes(sensor, reach))
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
         kelvins: list[Array | None] = [temperature] * len(trials)
@@ -206,7 +209,7 @@ def observe(
         channels=sensor.channels,
         dof=dof,
         drift=drift,
-        trend=trend,
+        drift_mean=course,
         rounding=rounding,
         tests=tests,
         notes=notes,

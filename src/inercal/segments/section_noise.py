@@ -12,7 +12,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.estimate import ModelTest
-from inercal.estimate.correlation import WHITE, NoiseCorrelation
+from inercal.estimate.correlation import WHITE, Contrasts, NoiseCorrelation
 from inercal.estimate.section_statistics import SectionStatistics, analyse_sections, haar_contrasts
 from inercal.segments.hand_motion_noise import readings_along_gravity
 from inercal.sensors import G0, Noise, Sensor
@@ -21,14 +21,44 @@ _KINDS = {"f": "accelerometers", "w": "gyros"}
 _ALIKE = 3.0  # times in scatter: rests that differ by more are reported
 
 
+class SectionDrift(NamedTuple):
+    """A drift of m biases, quadratic in time, as the slopes within sections show it."""
+
+    rates: Array  # (2, m), per second and per second²
+    covariance: Array  # (m, 2, 2)
+
+    @classmethod
+    def zero(cls, m: int) -> "SectionDrift":
+        """Return no drift, known exactly."""
+        return cls(np.zeros((2, m)), np.zeros((m, 2, 2)))
+
+    def of_channels(self, chosen: Sequence[bool]) -> "SectionDrift":
+        """Return the drift of some channels; the others have none."""
+        keep = np.array(chosen)
+        return SectionDrift(self.rates * keep, self.covariance * keep[:, None, None])
+
+    def course(self, since: Array, length: float) -> tuple[Array, Array]:
+        """Return the drift at times, (s, m), and its covariance between them, (s, s, m).
+
+        Its mean over a run is zero.
+
+        Parameters
+        ----------
+        since : (s,) array
+            Since the middle of the run, s.
+        length : float
+            Of the run, s.
+        """
+        basis = np.stack([since, 0.5 * (since**2 - length**2 / 12)], axis=-1)
+        return basis @ self.rates, np.einsum("si,mij,tj->stm", basis, self.covariance, basis)
+
+
 class SectionNoise(NamedTuple):
     """Noise of r sections of m channels."""
 
     scale: Array  # (r, m), each section's variance over the mean of all
     correlation: tuple[NoiseCorrelation, ...]  # of each channel
-    trend: Array  # (m,) per second, sd of the drift of a kind's channels beyond noise
-    slope: Array  # (m,) per second, mean slope of accelerometers within the sections, or 0
-    slope_sd: Array  # (m,) per second
+    drift: SectionDrift
     tests: tuple[ModelTest, ...]
     notes: tuple[str, ...]
     disturbance_variance: Array  # (r, m), variance of each mean by a change within its section
@@ -57,6 +87,7 @@ def section_noise_statistics(
     sensor: Sensor,
     sections: Callable[[], Iterable[Array]],
     seconds: Array,
+    since: Array,
     labels: Sequence[str],
     rounding: Array,
     *,
@@ -71,14 +102,16 @@ def section_noise_statistics(
         Returns the sections, (n, m) each, SI.
     seconds : (r,) array
         Their durations.
+    since : (r,) array
+        Time of their middles since the middle of all, s.
     labels : sequence of r str
     rounding : (m,) array
         Variance that coarse steps add to each mean.
     by_hand : bool
     """
     r, m = len(labels), len(sensor.axes)
-    scale, trend, disturbance_variance = np.ones((r, m)), np.zeros(m), np.zeros((r, m))
-    slope, slope_sd = np.zeros(m), np.zeros(m)
+    scale, disturbance_variance = np.ones((r, m)), np.zeros((r, m))
+    drift = SectionDrift.zero(m)
     correlation = [WHITE] * m
     tests: list[ModelTest] = []
     notes: list[str] = []
@@ -89,9 +122,7 @@ def section_noise_statistics(
         judged = analyse_sections(cut, labels, ["accelerometers along gravity"], steps)
         # The effect of a drift changes its sign with the attitude: the norms of all rests show it.
         within = (judged.within,) if judged.within and judged.shape == "change" else ()
-        return SectionNoise(
-            scale, (WHITE,) * m, trend, slope, slope_sd, within, (), disturbance_variance
-        )
+        return SectionNoise(scale, (WHITE,) * m, drift, within, (), disturbance_variance)
     for kind, words in _KINDS.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not own:
@@ -108,26 +139,52 @@ def section_noise_statistics(
         disturbance_variance[:, own] = judged.disturbance_variance
         tests += judged.tests
         if not stated:
-            trend[own] = judged.significant_trend_sd
-            if kind == "f":
-                # All sections measure the bias of a gyro, and their residuals show its drift. Two
-                # of six measure that of an accelerometer: a drift below any test changes it.
-                trend[own] = np.maximum(trend[own], judged.undetectable_trend_sd)
-                slope[own] = np.nan_to_num(judged.trend)
-                slope_sd[own] = np.nan_to_num(judged.trend_sd)
+            if kind == "w":
+                # All sections measure the bias of a gyro, and their residuals show its drift.
+                drift.covariance[own, 0, 0] = judged.significant_trend_sd**2
+            elif np.isfinite(judged.slope_sd).all():
+                # Two of six measure that of an accelerometer: a drift below any test shifts it.
+                steady = np.flatnonzero(~judged.disturbance_variance.any(axis=1)).tolist()
+                drift.rates[:, own], drift.covariance[own] = drift_of_slopes(
+                    [cut[k] for k in steady], since[steady], judged.slope_sd, rounding[own]
+                )
             for k in own:
                 correlation[k] = judged.correlation
         notes += _notes(words, judged, seconds, labels, stated)
     return SectionNoise(
         scale,
         tuple(correlation),
-        trend,
-        slope,
-        slope_sd,
+        drift,
         tuple(tests),
         tuple(notes),
         disturbance_variance,
     )
+
+
+def drift_of_slopes(
+    sections: Sequence[Contrasts], since: Array, slope_sd: Array, rounding: Array
+) -> tuple[Array, Array]:
+    """Return rate and change of rate of a drift, (2, m), and their covariance, (m, 2, 2).
+
+    By least squares of the slopes of r sections, which have one deviation in units of their noise.
+
+    Parameters
+    ----------
+    sections : sequence of r Contrasts
+    since : (r,) array
+    slope_sd : (m,) array
+        Of `Contrasts.slope`.
+    rounding : (m,) array
+        Variance that coarse steps add to each half of a section.
+    """
+    reach = np.array([one.slope_per_trend for one in sections])
+    seconds = np.array([one.seconds for one in sections])
+    design = reach[:, None] * np.stack([np.ones(len(since)), since], axis=-1)
+    gram = np.linalg.pinv(design.T @ design)
+    rates = gram @ design.T @ np.stack([one.slope for one in sections])
+    # The means of halves of T seconds are T/2 apart, and both are rounded.
+    of_steps = 8 * rounding * float(np.mean((reach / seconds) ** 2))
+    return rates, (slope_sd**2 + of_steps)[:, None, None] * gram
 
 
 def drift_notes(sensor: Sensor, reach: Array) -> list[str]:

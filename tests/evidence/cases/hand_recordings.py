@@ -29,12 +29,14 @@ def npz_archive(**columns: NDArray[np.generic]) -> bytes:
     return raw.getvalue()
 
 
-def _slow_noise(rng: np.random.Generator, n: int, hz: float, memory: float = 1.0) -> Array:
-    """Return noise of unit deviation with a memory of some seconds, (n, 3)."""
+def _slow_noise(rng: np.random.Generator, n: int, hz: float, v: Values) -> Array:
+    """Return noise with a memory of some seconds, (n, 3), with "of_run" about its own mean."""
+    memory = v.get("memory", 1.0)
     kept = np.exp(-1 / (hz * memory))
     white = np.sqrt(1 - kept**2) * rng.standard_normal((n, 3))
     white[0] = rng.standard_normal(3)
-    return np.asarray(lfilter([1.0], [1.0, -kept], white, axis=0), dtype=float)
+    slow = v["slow"] * np.asarray(lfilter([1.0], [1.0, -kept], white, axis=0), dtype=float)
+    return slow - slow.mean(axis=0) if v.get("of_run", 0.0) else slow
 
 
 _SIX = """\
@@ -93,7 +95,7 @@ def six_position() -> Case:
         y = at(v, time, rest)
         y = y + WHITE_A * np.sqrt(hz) * rng.standard_normal(y.shape)
         if v.get("slow", 0.0):
-            y = y + v["slow"] * _slow_noise(rng, len(y), hz, v.get("memory", 1.0))
+            y = y + _slow_noise(rng, len(y), hz, v)
         if gross is not None and gross.gross is not None:
             y = gross.gross(y)
         names = np.array(list(hand.FACES))[rest]
@@ -380,7 +382,7 @@ def multi_position() -> Case:
         y[round((AT_START - CUT) * hz + stop) // 2 : stop, 0] += v.get("step", 0.0)
         y += np.repeat([WHITE_A, WHITE_G], 3) * np.sqrt(hz) * rng.standard_normal(y.shape)
         if v.get("slow", 0.0):
-            y[:, :3] += v["slow"] * _slow_noise(rng, len(y), hz, v.get("memory", 1.0))
+            y[:, :3] += _slow_noise(rng, len(y), hz, v)
         if gross is not None and gross.gross is not None:
             y = gross.gross(y)
         columns = {f"a{a}": y[:, k] / G0 for k, a in enumerate("xyz")}

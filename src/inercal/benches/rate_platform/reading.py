@@ -196,7 +196,9 @@ def _recording(run: Source[RatePlatformData]) -> EstimatorInput:
     require_steady(run, recording, marks, steps)
     # Sections at a rate are steady too: their scatter is noise.
     turning = [step.label for step in steps if isinstance(step, KnownTurn)]
-    means = averaged(recording, run.sensor, marks, steps, found=True, turning=turning)
+    means = averaged(
+        recording, run.sensor, marks, steps, found=True, drifting=True, turning=turning
+    )
     return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
 
 

@@ -188,6 +188,25 @@ class Rests:
         return np.sqrt(found.shared[..., self.m :].sum(axis=(0, 1)) / max(r * (r - 1), 1))
 
     @cached_property
+    def accelerometer_drift(self) -> Array:
+        """The drift of each accelerometer that its rests leave open, (2, r, m); () without.
+
+        Courses linear and quadratic in time, as large as one standard deviation of what the slopes
+        within r rests of T seconds say of them: the slope of one rest has the variance 12 v/T²,
+        where v is that of its mean, and gravity lies along each of m axes in r/m of the rests.
+        Means without times show no order, and slow noise that is stated enters as stated.
+        """
+        seen, noises = self.observations, [axis.noise for axis in self.force.axes]
+        if not seen.timed or any(one.bias_instability or one.random_walk for one in noises):
+            return np.zeros((0, len(seen.time), self.m))
+        since: Array = seen.time - seen.time.mean()
+        square = float(np.mean(since**2))
+        own = np.diagonal(seen.covariance, axis1=1, axis2=2)[:, : self.m]
+        of_slopes = self.m / np.sum(seen.duration[:, None] ** 2 / (12 * own), axis=0)
+        courses = np.stack([since, 0.5 * (since**2 - square) / np.sqrt(square)])
+        return courses[..., None] * np.sqrt(of_slopes)
+
+    @cached_property
     def known_quantities(self) -> tuple[Measured, ...]:
         """What is known of x beyond the coefficients: g, the earth's rate, the clock's error τ, ε.
 

@@ -108,6 +108,32 @@ def row_positions(rests: Rests, *, norms: bool = True) -> Indices:
     return place
 
 
+def whitener_with_drift(rests: Rests, rows: ResidualRows, whiten: Whiten) -> Whiten:
+    """Return `whiten` for noise to which the drift that may be in the accelerometers is added.
+
+    With the whitened columns D of k drifts of unit variance, the covariance becomes 1 + D Dᵀ; for
+    D = U s Vᵀ its symmetric inverse root is 1 − U (1 − 1/√(1 + s²)) Uᵀ.
+    """
+    drift = rests.accelerometer_drift
+    if not drift.size:
+        return whiten
+    enter = reading_sensitivities(rests, rows)[..., : rests.m]
+    columns = [
+        sum_over_rests(rests, enter[..., [axis]] * course[:, None, None])
+        for axis in range(rests.m)
+        for course in drift[..., axis]
+    ]
+    shapes, sizes, _ = np.linalg.svd(whiten(np.concatenate(columns, axis=1)), full_matrices=False)
+    taken = shapes * (1 - 1 / np.sqrt(1 + sizes**2))
+
+    def whiten_all(a: Array) -> Array:
+        white = whiten(a)
+        flat = white.reshape(len(white), -1)
+        return (flat - taken @ (shapes.T @ flat)).reshape(white.shape)
+
+    return whiten_all
+
+
 def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool = True) -> Whiten:
     """Return a function that whitens columns over all rows, by the noise at `rows`.
 

@@ -36,6 +36,7 @@ from inercal.methods.multi_position.row_whitening import (
     RATE_ROWS,
     row_covariance,
     whitener,
+    whitener_with_drift,
 )
 from inercal.methods.multi_position.scatter import norm_scatter, rate_scatter, rotation_scatter
 from inercal.methods.multi_position.within_rest_changes import (
@@ -94,7 +95,7 @@ def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
         x[free] = _fit(alone, free, x, Scatter(), priors).value
     judged = norm_scatter(alone, alone.rows(x))
     scatter = Scatter(judged.spread)
-    estimate = _fit(alone, free, x, scatter, priors)
+    estimate = _fit(alone, free, x, scatter, priors, drifting=True)
     x[free] = estimate.value
     groups = _residual_groups(alone, alone.rows(x), scatter, [judged[:2]])
     whole = rests.start()
@@ -135,12 +136,12 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_COARSE_ITERATIONS).value
     rotations = rotation_scatter(rests, rests.rows(x), shown, fitted, scatter)
     scatter = scatter._replace(turn=rotations.spread)
-    fit = _fit(rests, free, x, scatter, priors, norms=False)
+    fit = _fit(rests, free, x, scatter, priors, norms=False, drifting=True)
     x[free] = fit.value
     rows = rests.rows(x)
     judged = [(0.0, 0), rates[:2], rotations[:2]]
     groups = (*first.groups, *_residual_groups(rests, rows, scatter, judged)[1:])
-    whiten = whitener(rests, rows, scatter, norms=False)
+    whiten = whitener_with_drift(rests, rows, whitener(rests, rows, scatter, norms=False))
     estimate = _consider_estimate(rests, fit, first.estimate, whiten(rows.jacobian))
     return _fit_stage(estimate, x, scatter, groups)
 
@@ -148,7 +149,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
 def fit_jointly(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> FitStage:
     """Fit everything to all rows at once, started from `last`."""
     x, free = last.x.copy(), _free_indices(rests)
-    estimate = _fit(rests, free, x, last.scatter, priors)
+    estimate = _fit(rests, free, x, last.scatter, priors, drifting=True)
     x[free] = estimate.value
     judged = [(group.chi2, group.dof) for group in last.groups]
     groups = _residual_groups(rests, rests.rows(x), last.scatter, judged)
@@ -196,14 +197,18 @@ def _fit(
     norms: bool = True,
     most: int = 200,
     with_score_tests: bool = False,
+    drifting: bool = False,
 ) -> Estimate:
     """Return the least squares of some places of x, the others as they are.
 
-    `with_score_tests`: it has the score tests of what is left out.
+    `with_score_tests`: it has the score tests of what is left out. `drifting`: the noise contains
+    the drift that may be in the accelerometers.
     """
     names: tuple[str, ...] = (*rests.sensor.coefficients, *KNOWN_QUANTITIES)
     started = rests.rows(x)
     whiten = whitener(rests, started, scatter, norms=norms)
+    if drifting:
+        whiten = whitener_with_drift(rests, started, whiten)
     changed = rest_changes(rests, started, x, scatter) if with_score_tests else None
     more = np.zeros(0) if changed is None else changed.residual
 

@@ -66,6 +66,7 @@ def ml(
     NotObserved
         Coefficients that these sections do not determine, by name.
     """
+    observations = observations.without_drift()
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
     require_matching_rows(observations, sensor, done)
