@@ -22,7 +22,7 @@ LONGEST = 1 << 17  # values in one transform
 SHORTEST_PIECE = 16
 _SINGLE = 64  # coefficients that are bins of their own
 _LOGARITHMIC = 160  # bins above
-_LEAKAGE, _STRONGEST = 1e-8, 0.9  # of the level that a tenth of the bins exceed
+_LEAKAGE, _STRONGEST = 1e-5, 0.9  # of the level that a tenth of the bins exceed
 _FINE = 300  # bins in a band at least, where a filter bends the spectrum
 _TIMES = 24  # of a Gauss–Markov process
 _BLOCK_SHARE = 0.1  # of the block means' frequencies that are used, where segments follow
@@ -178,7 +178,7 @@ class Bins:
     def strong_bins(self) -> "Bins":
         """Return the bins that no leakage of the strongest frequencies covers.
 
-        The transform of a series that ends elsewhere than it begins leaks, by some 10⁻¹² of the
+        The transform of a series that ends elsewhere than it begins leaks, by some 10⁻⁶ of the
         power, which shows in the upper skirt of a filter.
         """
         level = self.power / self.basis("N")

@@ -31,6 +31,7 @@ from inercal.noise.rounding import check_rounding, rounding_step
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
 from inercal.noise.streamed_means import KEPT_EVERY
 
+_MANY = 4  # segments, beside which those samples are left out that fill no other
 _FIRST = 4096  # squared differences whose median sets the largest that counts
 _SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1, dtype=np.int64)
 
@@ -178,7 +179,12 @@ class StreamedChannel:
         low = whole_spectrum(values, dt)
         if not self._segments or self.count <= LONGEST:
             return (low,)
-        return join_long(low, self._power / self._segments, self._segments, self.dt)
+        found = join_long(low, self._power / self._segments, self._segments, self.dt)
+        if self._segments >= _MANY or self._filled < LONGEST // 8:
+            return found
+        # Of few segments what is left over is a large share of the samples.
+        rest = squared_coefficients(self._segment[: self._filled])
+        return *found, join_long(low, rest, 1, self.dt)[1]
 
     def disturbances(self) -> tuple[Disturbance, ...]:
         """Return steps, knocks and bursts; changes are placed to 64 samples."""
