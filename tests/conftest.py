@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from _pytest.doctest import DoctestModule
 from tests.base_seeds import SEEDS
+from tests.reports import report_file
 
 
 @pytest.hookimpl(wrapper=True)
@@ -29,11 +30,7 @@ def data_dir() -> Path:
 @pytest.fixture(scope="session")
 def reports_dir() -> Path:
     """Folder of inputs rebuilt from public reports, which are not part of the project."""
-    root = Path(__file__).parents[1]
-    folder = Path(os.environ.get("INERCAL_REPORTS", root.parent / "shared" / "reports"))
-    if not folder.is_dir():
-        pytest.skip(f"no reported inputs at {folder}; set INERCAL_REPORTS to their folder")
-    return folder
+    return report_file("")
 
 
 @pytest.fixture(params=SEEDS)

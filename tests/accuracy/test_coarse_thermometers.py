@@ -1,6 +1,5 @@
 """Ramps whose thermometer reports whole or half degrees: lag, coefficients, and the refusals."""
 
-import os
 import shutil
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from tests.evidence.coarse_thermometers import (
     observed,
     row,
 )
+from tests.reports import report_file
 
 import inercal
 from inercal.benches import Hand
@@ -33,15 +33,6 @@ from inercal.methods.temperature_ramp.thermometer_steps import (
 from inercal.units import Measured
 
 DEG_H = np.pi / 180 / 3600
-
-
-def reports() -> Path:
-    """Return the folder of the failing inputs; skip where it is missing."""
-    root = Path(__file__).parents[2]
-    folder = Path(os.environ.get("INERCAL_REPORTS", root.parent / "shared" / "reports"))
-    if not folder.is_dir():
-        pytest.skip(f"no reports at {folder}; set INERCAL_REPORTS to their folder")
-    return folder
 
 
 def blocks(warm: WarmUp) -> RampBlocks:
@@ -102,8 +93,8 @@ def test_a_warm_up_that_has_become_one_exponential_is_known_as_such():
 
 
 def test_whole_degrees_of_a_freezer_give_the_lag_and_the_coefficients(tmp_path: Path):
-    for file in reports().glob("05_*"):
-        shutil.copy(file, tmp_path)
+    for suffix in ("csv", "toml"):
+        shutil.copy(report_file(f"05_freezer_whole_degrees.{suffix}"), tmp_path)
     outcome = inercal.calibrate(tmp_path / "05_freezer_whole_degrees.toml")
     found = outcome.calibration
     for name, right in (("gx.bias_dT", 72.0), ("gy.bias_dT", -54.0), ("gz.bias_dT", 18.0)):

@@ -45,8 +45,10 @@ def reference(folder: Path) -> Calibration:
 def test_every_log_gives_the_calibration_of_the_raw_readings(name: str, tmp_path: Path):
     found, expected = calibrated(name), reference(tmp_path)
     assert found.sensor.coefficients == expected.sensor.coefficients
-    np.testing.assert_allclose(found.values, expected.values, atol=FLOAT32)
-    np.testing.assert_allclose(found.std, expected.std, rtol=1e-3)
+    # The drift that slopes show carries the rounding of half a second over the whole run.
+    rounded = np.maximum(FLOAT32, 0.05 * expected.std)
+    assert (np.abs(found.values - expected.values) < rounded).all()
+    np.testing.assert_allclose(found.std, expected.std, rtol=0.06)
     for axis, scale, bias in zip("xyz", SCALE, BIAS, strict=True):
         assert abs(found.value(f"a{axis}.k1") - (scale - 1)) < 3 * found.uncertainty(f"a{axis}.k1")
         assert abs(found.value(f"a{axis}.k0") - bias) < 3 * found.uncertainty(f"a{axis}.k0")
@@ -71,7 +73,8 @@ def test_a_kept_correction_is_a_condition_of_the_calibration(tmp_path: Path):
     assert "AHRS_ORIENTATION 8" in stated
     acc, _ = ardupilot_corrected(SAMPLES)
     half_sum = (acc[:25, 0].mean() + acc[30:55, 0].mean()) / 2
-    assert kept.value("ax.k0") == pytest.approx(half_sum, abs=2e-4)
+    assert abs(kept.value("ax.k0") - half_sum) < 2 * kept.uncertainty("ax.k0")
+    assert abs(half_sum - SAMPLES.acc[:25, 0].mean()) > 20 * kept.uncertainty("ax.k0")
 
 
 def test_nothing_is_corrected_twice_or_not_at_all(tmp_path: Path):

@@ -27,6 +27,7 @@ RECORDED = """
 name = "imu"
 [sensor.accelerometer]
 unit = "m/s²"
+bias_instability = "1 µg"
 [bench]
 gravity = "9.81 m/s² ± 0.1 mm/s²"
 tilt = "0.03 °"
