@@ -39,6 +39,7 @@ _GRID = 0.02  # of s
 _LARGEST = 0.8  # s, where the error of a mean is below 1e-6 of a step
 _LIKELY = 4.0  # 2Δ ln L of the bound
 _SECTIONS = 40  # to which the noise is fitted
+_WIDEST = 32  # levels of a section; noise of the grid spans 8
 _GOLDEN, _ROUNDS = (5**0.5 - 1) / 2, 24  # of the search for μ: to 1e-5 of its range
 _SAME = 1e-7  # of the span: values closer than this are one value
 _SIMILAR = 1.5  # times the least gap: gaps of one step in a text of few digits
@@ -154,6 +155,10 @@ def noise_lower_bound(sections: Sequence[NDArray[np.int64]]) -> float:
         Level of each sample, in steps; each section has a true value of its own.
     """
     chosen = sections[:: max(1, -(-len(sections) // _SECTIONS))]
+    # A section that spans many levels moves, or has noise beyond the grid.
+    chosen = [one for one in chosen if int(one.max()) - int(one.min()) < _WIDEST]
+    if not chosen:
+        return _LARGEST
     lows = np.array([int(one.min()) for one in chosen])
     width = max(int(one.max()) - low for one, low in zip(chosen, lows.tolist(), strict=True)) + 1
     counts = np.stack(
