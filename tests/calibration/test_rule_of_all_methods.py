@@ -55,12 +55,12 @@ def known(tmp_path: Path) -> Iterator[None]:
 def require_rule(outcome: Outcome) -> None:
     """Compare the grade with what the documented rule makes of the fields."""
     verdict, estimate = outcome.verdict, outcome.estimate
-    suspect = verdict.suspect
+    best = verdict.best
     warned = any(one.severity == "warning" for one in outcome.findings)
     scores = any(reason.startswith(("suspect", "score tests")) for reason in verdict.reasons)
     rejected = any(test.adjusted < LEVEL for test in verdict.tests) or scores
     bad = (rejected and verdict.scatter > MOST_SCATTER) or (
-        suspect is not None and suspect.shift > MOST_SHIFT
+        best is not None and best.shift > MOST_SHIFT
     )
     far = [float(v) for n, v in zip(estimate.names, estimate.value, strict=True)
            if n.endswith((".k1", ".scale"))]  # fmt: skip

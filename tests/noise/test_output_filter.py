@@ -375,7 +375,8 @@ def test_a_public_imu_at_rest_has_one_filter_on_all_axes(data_dir: Path, name: s
     rest = table[table[:, 0] < 45.0]
     unit = "rad/s" if name == "gyro" else "m/s²"
     one = Recording(rest[:, 0] - rest[0, 0], rest[:, 1:] * size, ("x", "y", "z"), (unit,) * 3)
-    found = inercal.analyse_noise(one, kinds=()).channels
+    # The counts of the accelerometers have an offset.
+    found = inercal.analyse_noise(one, kinds=(), gravity=None).channels
     assert all(channel.output is not None for channel in found)
     cutoffs = [channel.output.cutoff for channel in found if channel.output is not None]
     assert max(cutoffs) < 1.5 * min(cutoffs)

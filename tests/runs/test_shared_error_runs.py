@@ -117,7 +117,7 @@ def test_an_exact_gravity_is_not_shared(tmp_path: Path):
     assert calibrate(run).calibration.shared == ()
 
 
-def test_ranges_are_those_of_the_means_that_were_used(tmp_path: Path):
+def test_ranges_are_those_of_the_means_and_of_the_samples_of_turns(tmp_path: Path):
     outcome = calibrate(recorded(tmp_path, FERRARIS))
     found = outcome.calibration.validity
     assert found is not None
@@ -125,10 +125,11 @@ def test_ranges_are_those_of_the_means_that_were_used(tmp_path: Path):
     assert found.force is not None
     assert found.rate is not None
     assert found.force == (means[:, :3].min(), means[:, :3].max())
-    assert found.rate == (means[:, 3:].min(), means[:, 3:].max())
+    assert found.rate[0] <= means[:, 3:].min()
+    assert found.rate[1] >= means[:, 3:].max()
     assert found.force[0] < -9.5 < 9.5 < found.force[1]
-    # Turned by 360° in 4 s.
-    assert found.rate[1] == pytest.approx(np.pi / 2, rel=0.05)
+    # Turned by 360° in 4 s, smoothly: at most twice as fast as on average.
+    assert found.rate[1] == pytest.approx(np.pi, rel=0.1)
     assert found.temperature is None
 
 

@@ -9,8 +9,8 @@ tests where nothing is scored. The grade is::
     usable with reservations   a test rejects the model, or a check warns, or nothing was tested
     not to be relied on        the fit did not converge, a scale factor is far from nominal, a check
                                refused, or a test rejects the model and either the scatter is more
-                               than twice the stated scatter, or the suspect shifts a coefficient by
-                               more than its U
+                               than twice the stated scatter, or the best of the causes tested
+                               shifts a coefficient by more than its U
 
 The best of the causes tested is the candidate with the smallest p-value, if it explains the
 residuals better than a scatter of all rows does: the remaining residuals agree with the stated

@@ -87,8 +87,8 @@ def run(
 
     options = run_options(speed, patience, temperature)
     plan = read(run_file)
-    _require_operator(plan, answers, simulated=bool(clock))
     kept = open_register(register)
+    _require_operator(plan, answers, simulated=bool(clock))
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     result, journal = create_run(folder, plan, (table, imu, clock))
     with journal, result.removed_on_failure():

@@ -1,7 +1,10 @@
 """Expected uncertainties of a path for a method that uses no angle of the table.
 
-An ideal sensor records the path on an ideal table; the method finds the rests in its gyros.
+A sensor without errors but for its white noise records the path on an ideal table; the method finds
+the rests in its gyros.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,6 +38,11 @@ def still_table_uncertainties(
     NotObserved
         Coefficients that the path leaves open.
     """
+    noises = [axis.noise.white for axis in run.sensor.axes]
+    # Readings without noise stay at one value in a rest, as those of coarse steps do.
+    drawn = np.random.default_rng(0).standard_normal(track.reading.shape)
+    root_rate = (track.time.size / max(float(np.ptp(track.time)), 1e-9)) ** 0.5
+    track = replace(track, reading=track.reading + root_rate * np.array(noises) * drawn)
     rests = find_rests(track.time, track.reading, run.sensor)
     if not len(rests):
         raise InputError("the path has no rest of 5 s; add positions", key="[method] path")
@@ -43,7 +51,7 @@ def still_table_uncertainties(
     for k, span in enumerate(spans):
         hold[span] = k
     labels = tuple(f"rest {k}" for k in range(1, len(spans) + 1))
-    white = np.diag([axis.noise.white**2 for axis in run.sensor.axes])
+    white = np.diag(np.array(noises) ** 2)
     seconds = np.array([float(np.ptp(track.time[span])) for span in spans])
     observations = Observations(
         labels=labels,

@@ -135,7 +135,8 @@ class RunAdvisor:
 
     def _changed_run(self, changes: tuple[Change, ...]) -> Run:
         run = self._run
-        return from_sections(run.path, with_changes(run.sections, changes), run.sha256)
+        changed = from_sections(run.path, with_changes(run.sections, changes), run.sha256)
+        return replace(changed, held_files=run.held_files)
 
     def _completed(self, changes: tuple[Change, ...]) -> tuple[Change, ...]:
         """Return changes with the coefficients that the run file adds already."""

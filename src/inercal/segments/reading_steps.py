@@ -19,6 +19,7 @@ _FEW = 12  # levels in them, beyond which the noise is above a step
 _LARGE = 0.9  # steps of noise, of which rounding leaves a millionth
 _EVEN = 1e-3  # of a step
 _COARSER = 0.7  # of the step at rest: a smaller one of the whole channel is that of its text
+_UNROUNDED = 0.5  # of the samples in motion, that differ where readings are not rounded
 _OFTEN = 3  # samples at one value that are no single spike
 _WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
 _BESIDE = 6  # gaps that say how wide the others are
@@ -49,6 +50,7 @@ def reading_steps(
     one: Array = data.reshape(-1, *data.shape[-2:])[0]
     scale = np.array([1.0 if si else abs(axis.readout.scale) for axis in sensor.axes])
     m = len(columns)
+    moving = len(one) - sum(stop - start for start, stop in rests)
     step, noise, text = np.zeros(m), np.full(m, NOISY), np.zeros(m)
     dead = np.zeros(m, dtype=np.bool_)
     unknown: list[int] = []
@@ -62,6 +64,8 @@ def reading_steps(
             continue
         levels = np.unique(one[:, column])
         ladder = rounding_ladder(levels) if stepped else None
+        if ladder is None and not stated and _is_without_noise(own, levels, moving):
+            continue
         least = max(stated, _COARSER * _step_at_rest(own))
         if stepped and (ladder is None or ladder.step < least):
             ladder = _coarse_ladder(levels, own, stated)
@@ -109,6 +113,17 @@ def _has_few_levels(rests: Sequence[Array]) -> bool:
 def _some(y: Array) -> Array:
     """Return some of the samples of a rest, evenly spread."""
     return y[:: max(1, y.size // _LOOKED_AT)]
+
+
+def _is_without_noise(rests: Sequence[Array], levels: Array, moving: int) -> bool:
+    """Return whether readings were simulated without noise, and are not rounded.
+
+    Each rest has one value, as of coarse steps, but rests differ and so do nearly all samples in
+    motion. A channel with a dead band reads one value in all rests that are within it.
+    """
+    values = {float(y[0]) for y in rests if y.size and not np.ptp(y)}
+    silent = all(not np.ptp(y) for y in rests)
+    return silent and len(values) > 1 and levels.size > _UNROUNDED * moving
 
 
 def _lonely_value(rests: Sequence[Array]) -> float | None:

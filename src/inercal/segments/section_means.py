@@ -169,8 +169,8 @@ def observe(
         factor, noise = judged(at_rest_all)
         tests, notes = noise.tests, noise.notes
         slow = noise.drift
-        if temperature_varies(of_rows):
-            # A drift of the accelerometers cannot be told from the effect of the temperature.
+        if sensor.uses("dT") and temperature_varies(of_rows):
+            # A drift of the accelerometers cannot be told from terms of the temperature.
             slow = slow.of_channels([axis.measures == "w" for axis in sensor.axes])
         if drifting and slow.covariance.any():
             course, shared = slow.course(since, recording.duration)

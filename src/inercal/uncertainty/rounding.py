@@ -29,7 +29,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
@@ -179,6 +178,8 @@ def _profile(counts: Array, grid: Array) -> Array:
         Samples at each of k neighbouring levels, which begin at 0.
     grid : (g,) array
     """
+    from scipy.special import log_ndtr  # not loaded where a run file is only checked
+
     level: Array = np.arange(counts.shape[1], dtype=np.float64)
 
     def value(mu: Array) -> Array:
@@ -186,7 +187,7 @@ def _profile(counts: Array, grid: Array) -> Array:
         high: Array = low + 1 / grid[:, None]
         flip = low > 0  # probabilities of the upper tail lose no digits
         ends: Array = np.stack([np.where(flip, -low, high), np.where(flip, -high, low)])
-        upper, lower = np.asarray(scipy.special.log_ndtr(ends), dtype=np.float64)
+        upper, lower = np.asarray(log_ndtr(ends), dtype=np.float64)
         log: Array = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-300)))
         return np.sum(np.where(counts[:, None] > 0, counts[:, None] * log, 0.0), axis=-1)
 

@@ -18,7 +18,6 @@ from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import RunLog
 from inercal.host.web import app, hub, run_process, viewers
 from inercal.host.web.run_request import PROCESS_RECORD, RunRequest, write_process_record
-from inercal.host.web.runs import StoredRun
 
 
 @pytest.fixture
@@ -279,14 +278,14 @@ def test_while_a_run_to_be_stopped_is_sought_others_are_heard(
     served: Served, signalled: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
 ):
     noted = write_process_record(begun_elsewhere(served), None)
-    sought, others, there = Event(), Event(), served.runs.all
+    sought, others, there = Event(), Event(), served.runs.active_folders
 
-    def slowly() -> dict[str, StoredRun]:
+    def slowly() -> list[Path]:
         sought.set()
         assert others.wait(PATIENCE)
         return there()
 
-    monkeypatch.setattr(served.runs, "all", slowly)
+    monkeypatch.setattr(served.runs, "active_folders", slowly)
     with served.page() as page, served.page() as other:
         page.say("stop")
         try:

@@ -114,7 +114,8 @@ def undetermined_rotations(sensor: Sensor, left: FreeDirections) -> tuple[NullDi
 
 def _null_direction(sensor: Sensor, move: Array, words: str) -> NullDirection:
     scaled = move / sensor.unit_scale
-    scaled = scaled / scaled[np.argmax(np.abs(scaled))]
+    # Of equal parts the first has the sign +: which is larger by rounding is chance.
+    scaled = scaled / scaled[np.argmax(np.abs(scaled) > (1 - 1e-6) * np.abs(scaled).max())]
     weights: dict[str, float] = {
         name: float(w) for name, w in zip(sensor.coefficients, scaled, strict=True) if abs(w) > 1e-9
     }
