@@ -91,7 +91,7 @@ def followed(
 ) -> Observations:
     # A rate whose slope jumps is not known between two samples.
     limits = [replace(one, jerk=np.radians(300.0)) for one in bench.axis_motion_limits]
-    smooth = replace(bench, axis_motion_limits=tuple(limits))
+    smooth = replace(bench, limits=tuple(limits))
     way = path_profile(smooth, steps)
     time = np.arange(0, way.ends[-1], 0.01)
     angles, *rates = way.evaluate(time)
