@@ -1,6 +1,7 @@
 """The stored counts of noise behind filters meet their bounds, and a sample is counted again."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ RMS_N = {
 SAMPLE = 2
 
 
-def rows(table: str) -> dict[str, dict]:
+def rows(table: str) -> dict[str, dict[str, Any]]:
     return FOUND[table]
 
 

@@ -1,6 +1,8 @@
 """How sampled rates become angles between readbacks, and how much noise neighbours share."""
 
+from collections.abc import Callable
 from math import pi
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,15 @@ Array = NDArray[np.float64]
 STEP = 0.02  # s
 WHITE = np.full(3, 1e-12)
 NO_TERMS = np.zeros(0, np.int64), np.zeros((0, 13))
+
+
+def samples(count: int) -> Array:
+    return np.asarray(STEP * np.arange(count), dtype=np.float64)
+
+
+def in_python(compiled: Any) -> Callable[[float], float]:
+    """Return a function that kernels call, as Python runs it."""
+    return compiled.py_func
 
 
 def differences(time: Array, rates: Array, when: Array, at: Array) -> tuple[Array, Array]:
@@ -35,8 +46,8 @@ def about_up(angle: Array) -> Array:
 
 @pytest.mark.parametrize("late", [0.0, 0.3, 0.77])
 def test_angles_between_samples_are_those_of_a_rate_that_bends(late: float):
-    time = STEP * np.arange(40)
-    when = time[5:35:5] + late * STEP
+    time = samples(40)
+    when: Array = time[5:35:5] + late * STEP
     a, b, c = 0.3, 2.0, -1.5
     rates = np.column_stack([np.zeros((40, 2)), a + b * time + c * time**2])
     apart, _ = differences(
@@ -49,17 +60,17 @@ def test_angles_between_samples_are_those_of_a_rate_that_bends(late: float):
 
 @pytest.mark.parametrize("late", [0.0, 0.1, 0.5, 0.9])
 def test_neighbouring_increments_share_as_much_noise_as_is_stated(late: float):
-    time = STEP * np.arange(40)
-    when = time[5:35:5] + late * STEP
+    time = samples(40)
+    when: Array = time[5:35:5] + late * STEP
     still = np.tile(np.eye(3), (when.size, 1, 1))
-    by = np.empty((when.size - 1, time.size))
+    by, shared = np.empty((when.size - 1, time.size)), np.zeros((when.size, 3, 3))
     for k in range(time.size):
         rates = np.zeros((40, 3))
         rates[k, 2] = 1e-6
         apart, shared = differences(time, rates, when, still)
         by[:, k] = -apart[:, 2] / (1e-6 * STEP)
     common = by @ by.T
-    assert np.diagonal(common, 1) == pytest.approx(neighbour_share.py_func(late))
+    assert np.diagonal(common, 1) == pytest.approx(in_python(neighbour_share)(late))
     assert np.diagonal(common) + 2 * common[1, 2] == pytest.approx(5.0)
     assert np.abs(np.diagonal(common, 2)).max() < 1e-9
     assert shared[1, 2, 2] == pytest.approx(common[1, 2] * WHITE[2] * STEP)
@@ -81,13 +92,13 @@ def test_attitudes_between_samples_share_as_much_noise_as_is_stated(late: float)
         counted[: row - 1] += weight
         counted[[row - 1, row]] += weight * np.array([13, 5]) / 12
     exact = np.sum(counted * (1 - counted))
-    assert _readback._neighbour_share.py_func(late) == pytest.approx(exact)
+    assert in_python(_readback._neighbour_share)(late) == pytest.approx(exact)
 
 
 def test_sudden_accelerations_add_to_the_variance_of_an_angle_and_smooth_ones_do_not():
-    time = STEP * np.arange(200)
+    time = samples(200)
     smooth = np.sin(2 * pi * time / 4)[:, None] * np.array([0.0, 0.0, 0.3])
-    sudden = np.clip(time - 1.013, 0, 1)[:, None] * np.array([0.0, 0.0, 0.5])
+    sudden: Array = np.clip(time - 1.013, 0, 1)[:, None] * np.array([0.0, 0.0, 0.5])
     white = np.full(3, 1e-10)
     assert not rate_bends(time, smooth, white)[1].any()
     kinks = rate_bends(time, sudden, white)[1]
@@ -96,7 +107,7 @@ def test_sudden_accelerations_add_to_the_variance_of_an_angle_and_smooth_ones_do
 
 
 def test_steps_too_unequal_have_no_bend():
-    time = np.concatenate([STEP * np.arange(10), 1 + STEP * np.arange(10)])
+    time = np.concatenate([samples(10), 1 + samples(10)])
     rates = np.column_stack([time**2] * 3)
     bends, _ = rate_bends(time, rates, WHITE)
     assert np.allclose(bends[[*range(2, 9), *range(12, 20)]], 2.0)
