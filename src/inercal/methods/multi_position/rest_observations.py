@@ -40,6 +40,7 @@ from inercal.methods.multi_position.rotations import (
 from inercal.motion import Motion
 from inercal.observe import NormResiduals, norm_residuals
 from inercal.recording import Observations, Transitions
+from inercal.recording.temperature_course import temperature_varies
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
@@ -197,7 +198,10 @@ class Rests:
         Means without times show no order, and slow noise that is stated enters as stated.
         """
         seen, noises = self.observations, [axis.noise for axis in self.force.axes]
-        if not seen.timed or any(one.bias_instability or one.random_walk for one in noises):
+        # Over rests at several temperatures a drift cannot be told from terms of the temperature.
+        soaked = self.force.uses("dT") and temperature_varies(seen.temperature)
+        stated = any(one.bias_instability or one.random_walk for one in noises)
+        if not seen.timed or soaked or stated:
             return np.zeros((0, len(seen.time), self.m))
         since: Array = seen.time - seen.time.mean()
         square = float(np.mean(since**2))
