@@ -142,7 +142,7 @@ def test_truncation_is_a_common_error_of_the_temperature_unless_it_is_known():
     assert added == pytest.approx((0.25 * known.value[at + 1]) ** 2, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("seed", SLOW_SEEDS)
 @pytest.mark.parametrize("name", ["1 K", "0.5 K"])
 def test_errors_of_a_few_warm_ups_are_as_stated(name: str, seed: int):

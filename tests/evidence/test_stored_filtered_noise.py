@@ -63,7 +63,7 @@ def test_the_page_is_that_of_the_counts():
     assert filtered_noise.PAGE.read_text(encoding="utf-8") == filtered_noise.page(FOUND)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize(
     "name", ["none", "20 Hz, one pole; B, K", "average of 4", "20 Hz, Butterworth, 200 Hz"]
 )

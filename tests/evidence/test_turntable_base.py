@@ -6,7 +6,7 @@ from scipy import stats
 from tests.evidence.turntable_base import METHODS, calibrate_device
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("method", METHODS)
 def test_devices_on_random_paths_are_as_stated(method: str):
     # All of both grades and three rates; .02 °/√h at 50 Hz is the first.

@@ -105,7 +105,7 @@ def test_gyros_in_steps_are_within_three_deviations(name: str):
     assert np.abs(others).max() < 4
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("name", CASES)
 def test_biases_of_gyros_in_steps_are_covered(name: str):
     biases, others = z_of_case(name, range(12))
@@ -125,7 +125,7 @@ def test_a_dead_band_is_in_the_uncertainty_of_the_bias(width: float, seed: int):
     assert max(abs(z[f"g{axis}.bias"]) for axis in "xyz") < 3
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("width", [0.1, 0.3, 1.0])
 def test_a_dead_band_is_covered(width: float):
     z: list[float] = []

@@ -41,7 +41,7 @@ def test_a_session_without_a_drift_errs_as_stated():
     assert quiet >= 23
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("seed", [11, 12])
 def test_recorded_six_positions_have_the_nees_of_the_base_case(seed: int):
     nees, _, quiet = counted(0.0, 300, seed)
@@ -50,7 +50,7 @@ def test_recorded_six_positions_have_the_nees_of_the_base_case(seed: int):
     assert quiet >= 294
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("drift", [0.2 * MG, 0.3 * MG, 0.5 * MG, 1.0 * MG])
 def test_a_drift_of_any_size_leaves_errors_as_stated(drift: float):
     nees, beyond, _ = counted(drift, 100, 21)

@@ -81,7 +81,7 @@ def test_advice_on_some_violations_is_kept(name: str, tmp_path: Path):
     assert follow_cells(name, tmp_path, every=4) > 0
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("name", CASES)
 def test_advice_on_violations_is_kept(name: str, tmp_path: Path):
     count = follow_cells(name, tmp_path)
@@ -89,7 +89,7 @@ def test_advice_on_violations_is_kept(name: str, tmp_path: Path):
     assert count > 0 or name.startswith(("six_position", "ferraris"))
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize("name", REPORTS)
 def test_advice_on_a_reported_input_is_kept(name: str, tmp_path: Path):
     folder = ROOT.parent / "shared" / "reports"

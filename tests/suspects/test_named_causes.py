@@ -263,7 +263,7 @@ def test_a_warm_up_on_a_ramp_is_named_with_its_key():
         ]
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_ramp_without_a_warm_up_raises_few_alarms():
     sensor, alarms = temperature_ramps.gyro(), 0
     for seed in range(150):
@@ -275,7 +275,7 @@ def test_a_ramp_without_a_warm_up_raises_few_alarms():
     assert alarms <= 7
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_causes_of_a_rate_platform_come_first_in_nine_of_ten_and_good_runs_are_consistent():
     causes = {"turn_on": {"change": switched}, "latitude": {"latitude": 60.0}}
     causes["scale3"] = {"change": cubic}
