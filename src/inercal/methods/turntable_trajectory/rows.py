@@ -148,11 +148,13 @@ class RotationRows:
             if one.name not in ("latency", "clock"):  # the reference has those in it
                 result[:, :, 0] -= result[:, :, 1 + p + k] * _departure(one, q)
         drift, variance = self.triad.drift, track.angle_variance(self.bench.white**2)
+        lost = self._increments_across_gaps(when)
+        # Beside a gap no sample belongs to two increments that are used.
+        shared[:-1][lost] = shared[1:][lost] = 0.0
         readback = variance[self.epochs, None, None] * np.eye(3) - shared
         x, covariance = _kernels.whiten(
-            since, result, drifting, driven, readback, drift, drift.covariance(), earth,
-            self._increments_across_gaps(when),
-        )  # fmt: skip
+            since, result, drifting, driven, readback, drift, drift.covariance(), earth, lost
+        )
         mean, variance = drift.mean(*self._elapsed)
         return (
             result.reshape(3 * n, -1), mean @ x, mean @ covariance @ mean.T + np.diag(variance)
