@@ -40,7 +40,6 @@ from inercal.methods.multi_position.rotations import (
 from inercal.motion import Motion
 from inercal.observe import NormResiduals, norm_residuals
 from inercal.recording import Observations, Transitions
-from inercal.recording.temperature_course import temperature_varies
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
@@ -199,7 +198,7 @@ class Rests:
         """
         seen, noises = self.observations, [axis.noise for axis in self.force.axes]
         # Over rests at several temperatures a drift cannot be told from terms of the temperature.
-        soaked = self.force.uses("dT") and temperature_varies(seen.temperature)
+        soaked = self.force.uses("dT") and seen.temperature_varies
         stated = any(one.bias_instability or one.random_walk for one in noises)
         if not seen.timed or soaked or stated:
             return np.zeros((0, len(seen.time), self.m))
