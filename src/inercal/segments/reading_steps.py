@@ -23,6 +23,7 @@ _UNROUNDED = 0.5  # of the samples in motion, that differ where readings are not
 _OFTEN = 3  # samples at one value that are no single spike
 _WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
 _BESIDE = 6  # gaps that say how wide the others are
+_DIGITS = 12  # of a channel's largest reading; what is smaller is rounding of the computer
 
 
 def reading_steps(
@@ -62,7 +63,9 @@ def reading_steps(
         stepped = bool(own) and (stated > 0 or few) and not _averages_out(own, stated)
         if lonely is None and not stepped:
             continue
-        levels = np.unique(one[:, column])
+        readings = _without_last_digits(one[:, column])
+        own = [readings[start:stop] for start, stop in rests]
+        levels = np.unique(readings)
         ladder = rounding_ladder(levels) if stepped else None
         if ladder is None and not stated and _is_without_noise(own, levels, moving):
             continue
@@ -83,6 +86,12 @@ def reading_steps(
         like = [float(step[j]) for j in range(m) if sensor.axes[j].measures == kind]
         step[k], noise[k] = min([one for one in like if one], default=0.0), 0.0
     return ReadingSteps(np.where((noise < NOISY) | (text > 0), step, 0.0), noise, dead, text)
+
+
+def _without_last_digits(readings: Array) -> Array:
+    """Return readings without the digits that a computer's rounding leaves in them."""
+    size = float(np.fmax.reduce(np.abs(readings), initial=0.0))
+    return np.round(readings, _DIGITS - 1 - int(np.floor(np.log10(size)))) if size else readings
 
 
 def _coarse_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladder | None:
