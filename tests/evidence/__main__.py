@@ -1,8 +1,9 @@
 """Count what inercal says of violations of known visibility, and write the tables.
 
 `python -m tests.evidence` works out all cells and the base cases, method by method, and writes each
-in the place of what is stored; `--methods` chooses some methods. With `--cells`, `--at`, or fewer
-devices, the tables are printed and not written.
+in the place of what is stored. `--methods` chooses some methods, and `--base-only` the base cases:
+cells that are not worked out stay as they are stored. With `--cells`, `--at`, or fewer devices, the
+tables are printed and not written.
 """
 
 import argparse
@@ -31,8 +32,11 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--at", default="", help='"5 u", "η = 6" or "as it is"')
     parser.add_argument("--devices", type=int, default=DEVICES)
     parser.add_argument("--base", type=int, default=BASE_DEVICES, help="devices of each base seed")
+    parser.add_argument("--base-only", action="store_true", help="no violations")
     parser.add_argument("--processes", type=int, default=cpu_count())
     chosen = parser.parse_args(arguments)
+    if chosen.base_only and (chosen.cells or chosen.at or not chosen.base):
+        parser.error("--base-only takes neither --cells nor --at, and --base above 0")
     cells = [
         cell
         for name in chosen.methods
@@ -42,7 +46,7 @@ def main(arguments: list[str]) -> None:
                 if chosen.base and not (chosen.cells or chosen.at)
                 else ()
             ),
-            *case_cells(name, devices=chosen.devices),
+            *(() if chosen.base_only else case_cells(name, devices=chosen.devices)),
         )
         if chosen.cells in cell.violation and chosen.at in cell.at
     ]
@@ -58,7 +62,9 @@ def main(arguments: list[str]) -> None:
         print(violation_table.table_text(of_method), flush=True)
         counted |= of_method
     if not (chosen.cells or chosen.at):
-        print(violation_table.demand_summary(counted))
+        if not chosen.base_only:
+            print(violation_table.demand_summary(counted))
+        print(violation_table.base_table(counted))
 
 
 def count_cells(cells: list[Cell], processes: int) -> dict[Cell, Count]:

@@ -17,6 +17,7 @@ from inercal.errors import InercalError
 from inercal.pipeline import Outcome, calibrate
 
 Grade = Literal["consistent", "reservations", "unreliable", "refused"]
+TOTAL = "χ²"  # of the estimate, among its groups of residuals
 _LIMIT = ("cannot show", "do not show", "show neither")
 _CHANGE = re.compile(r"change within (.+) \((\w+)\)")
 _DRIFT = re.compile(r"drift common to all sections \((\w+)\)")
@@ -48,6 +49,9 @@ class GradedCalibration:
         Coefficients of which they say a size that shifts another by 5 u, and that size, SI.
     errors : mapping of str to float
         Error of each coefficient over its standard uncertainty.
+    p_values : mapping of str to float
+        Of "χ²" of the estimate and of each group of its residuals, by the group's name; of those
+        that have degrees of freedom.
     """
 
     grade: Grade
@@ -60,6 +64,7 @@ class GradedCalibration:
     limits: tuple[str, ...] = ()
     unseen: Mapping[str, float] = field(default_factory=dict[str, float])
     errors: Mapping[str, float] = field(default_factory=dict[str, float])
+    p_values: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def limits_name(self, what: str) -> bool:
         """Return whether a limitation has a word, by itself or behind an axis: "a.k2"."""
@@ -94,7 +99,17 @@ def calibrate_files(files: Files, truth: dict[str, float]) -> GradedCalibration:
     }
     said = verdict.lines[0]
     return GradedCalibration(
-        verdict.grade, first, group, nees, said, std, chi, limits, sizes, errors
+        verdict.grade,
+        first,
+        group,
+        nees,
+        said,
+        std,
+        chi,
+        limits,
+        sizes,
+        errors,
+        _p_values(outcome),
     )
 
 
@@ -127,6 +142,12 @@ def _section_causes(test: str) -> tuple[str, ...]:
         kind = {"a": "accelerometers", "g": "gyros"}[channel[0]]
         return (f"drift of {kind}", f"drift of {channel}")
     return ()
+
+
+def _p_values(outcome: Outcome) -> dict[str, float]:
+    estimate = outcome.estimate
+    found = {TOTAL: float(estimate.p_value)} if estimate.dof > 0 else {}
+    return found | {one.name: one.p_value for one in estimate.groups if one.dof > 0}
 
 
 def _nees(outcome: Outcome, truth: dict[str, float]) -> float:

@@ -66,6 +66,14 @@ def test_base_cases_are_called_consistent(name: str, stored_cells: list[tuple[Ce
     assert whole.noticed <= 0.02 * whole.devices
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_p_values_of_base_cases_are_uniform(name: str, stored_cells: list[tuple[Cell, Count]]):
+    base = violation_table.base_counts(dict(stored_cells))[name]
+    found = violation_table.uniformity(base)
+    # The level of 1 % is that of all kinds of p-values of a method together.
+    assert all(p >= 0.01 / len(found) for p in found.values()), found
+
+
 @pytest.mark.slow
 def test_what_no_residual_shows_and_no_key_counts_is_named(stored_cells: list[tuple[Cell, Count]]):
     at_five = {

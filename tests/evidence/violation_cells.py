@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from zlib import crc32
 
@@ -96,6 +96,9 @@ class Count:
         it is in the group that is named.
     nees : float
         Mean over devices that gave a result; NaN without.
+    p_values : mapping of str to tuple of float
+        Of base cells: those of χ² and of each group of residuals, of all devices that gave a
+        result, sorted, to four digits.
     """
 
     consistent: int = 0
@@ -106,6 +109,7 @@ class Count:
     group: int = 0
     printed: int = 0
     nees: float = math.nan
+    p_values: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
 
     @property
     def devices(self) -> int:
@@ -127,6 +131,10 @@ class Count:
             self.group + other.group,
             self.printed + other.printed,
             sum(parts) / (one + two) if parts else math.nan,
+            {
+                name: tuple(sorted((*self.p_values.get(name, ()), *other.p_values.get(name, ()))))
+                for name in {**self.p_values, **other.p_values}
+            },
         )
 
 
@@ -201,7 +209,10 @@ def count_answers(part: tuple[Cell, range]) -> Count:
         named = [int(bool(set(names) & set(suspects))) for names in (answer.first, answer.group)]
         printed = own is not None and own.limit != "" and answer.limits_name(own.limit)
         printed |= bool(named[1])
-        whole = whole + Count(*grades, *named, printed=int(printed), nees=answer.nees)
+        p_values = {name: (round(p, 4),) for name, p in answer.p_values.items() if cell.at == BASE}
+        whole = whole + Count(
+            *grades, *named, printed=int(printed), nees=answer.nees, p_values=p_values
+        )
     return whole
 
 

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Mapping
 
+from scipy import stats
+from tests.evidence.graded_calibration import TOTAL
 from tests.evidence.violation_cells import (
     BASE,
     CASES,
@@ -88,10 +90,6 @@ def demand_summary(counted: Counts) -> str:
         and cell.apart < MIN_RIVAL_ANGLE
         and (cell.case, cell.violation) in named
     ]
-    base: dict[str, Count] = {}
-    for cell, one in counted.items():
-        if cell.at == BASE:
-            base[cell.case] = base.get(cell.case, Count()) + one
 
     def share(ones: list[Count], what: str) -> str:
         total = sum(one.devices for one in ones)
@@ -107,10 +105,39 @@ def demand_summary(counted: Counts) -> str:
         f"| mistakes without a size, not called consistent, pooled | {share(gross, 'noticed')} | |",
         f"| true cause first, rivals ≥ 30° away, pooled | {share(apart, 'first')} | ≥ {NAMED} |",
         f"| true cause in the named group, nearer rivals, pooled | {share(near, 'group')} | |",
-        *(
-            f"| false alarms of {name}, NEES {format_number(one.nees)} "
-            f"| {one.noticed} of {one.devices} | ≤ {math.floor(FALSE * one.devices)} |"
-            for name, one in base.items()
-        ),
     ]
+    return "\n".join(lines)
+
+
+def base_counts(counted: Counts) -> dict[str, Count]:
+    """Return the base cells of each method together, by its name."""
+    base: dict[str, Count] = {}
+    for cell, one in counted.items():
+        if cell.at == BASE:
+            base[cell.case] = base.get(cell.case, Count()) + one
+    return base
+
+
+def uniformity(one: Count) -> dict[str, float]:
+    """Return the p-value of Kolmogorov and Smirnov of each kind of stored p-values."""
+    return {name: float(stats.kstest(p, "uniform").pvalue) for name, p in one.p_values.items() if p}
+
+
+def base_table(counted: Counts) -> str:
+    """Return the base cells: errors, p-values and false alarms of each method."""
+    lines = [
+        "| method | devices | NEES | p of χ² | p of the groups | false alarms | at most |",
+        "|" + "---|" * 7,
+    ]
+    for name, one in base_counts(counted).items():
+        coefficients = len(find_case(name).coefficients)
+        chance = 3 * math.sqrt(2 / (coefficients * max(one.devices - one.refused, 1)))
+        found = uniformity(one)
+        groups = ", ".join(f"{key} {p:.3f}" for key, p in found.items() if key != TOTAL)
+        lines.append(
+            f"| {name} | {one.devices} | {one.nees:.3f} ± {chance:.3f} "
+            f"| {f'{found[TOTAL]:.3f}' if TOTAL in found else '–'} | {groups} "
+            f"| {one.noticed} ({100 * one.noticed / one.devices:.1f} %) "
+            f"| {math.floor(FALSE * one.devices)} |"
+        )
     return "\n".join(lines)
