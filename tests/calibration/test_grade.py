@@ -12,7 +12,7 @@ from inercal.calibration.verdict import verdict
 from inercal.estimate import Candidate, Estimate, ModelTest, Problem, least_squares
 from inercal.estimate.residual_scatter import ScatterModel
 from inercal.estimate.result import ResidualGroup
-from inercal.recording import Finding
+from inercal.recording import Finding, RoundedChannel
 from inercal.sensors import G0, triad
 
 SENSOR = triad("t", "f", "a").with_coefficients("bias", "scale")
@@ -164,8 +164,12 @@ def test_false_alarms_are_one_per_cent_at_most() -> None:
 
 
 def test_a_verdict_survives_json() -> None:
-    one = graded(estimate(8.0))
+    rounded = RoundedChannel("gx", 3.5e-4, 0.1, False, 1e-4)
+    one = replace(graded(estimate(8.0)), rounding=(rounded,))
     written = json.loads(json.dumps(verdict_object.as_object(one)))
+    assert written["rounding"][0]["channel"] == "gx"
+    assert written["advice"]
+    assert all(set(each) == {"reason", "changes", "action", "chi2"} for each in written["advice"])
     read = verdict_object.from_object(written, one.lines)
     assert verdict_object.as_object(read) == written
     assert (read.grade, read.lines, read.reasons) == (one.grade, one.lines, one.reasons)

@@ -1,6 +1,7 @@
 """Steps, hysteresis and a constant vibration in six positions: told where they cannot be seen."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import inercal
 from inercal.pipeline import Outcome
 
+ROOT = Path(__file__).parents[2]
 UPS = {a + s: k * np.eye(3)[i] for i, a in enumerate("xyz") for s, k in (("_p", 1), ("_a", -1))}
 SIX = tuple(UPS)
 SD, TILT, PLACEMENT = 30e-6, 0.1, 0.002  # g, °, °
@@ -137,3 +139,15 @@ def test_a_constant_vibration_is_told_in_any_order():
         outcome = calibrated(order, "vibration", 2 * MG)
         assert outcome.verdict.grade == "consistent"
         assert EFFECTS["vibration"] in unseen(outcome)
+
+
+def test_no_size_is_told_that_no_bias_has(data_dir: Path, tmp_path: Path):
+    # A step before a turn acts on the mean force of the turn alone: it moves no coefficient.
+    example = ROOT / "examples" / "ferraris_recordings" / "session_a.toml"
+    text = example.read_text(encoding="utf-8").replace("../../../shared/data", str(data_dir))
+    run_file = tmp_path / "session_a.toml"
+    run_file.write_text(text.replace('tilt = "0.5 °"', 'tilt = "0.01 °"'), encoding="utf-8")
+    told = [one.message for one in inercal.calibrate(run_file).findings if one.what == "unseen"]
+    sizes = [float(one.partition("(")[2].partition(" µg")[0]) for one in told if "µg" in one]
+    assert sizes
+    assert max(sizes) < 1e5

@@ -43,7 +43,6 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
                 "action": one.action,
                 "chi2": one.chi2,
             }
-            | _rounding_object(verdict)
             for one in verdict.advice
         ],
         "scatter": _number(verdict.scatter),

@@ -28,7 +28,7 @@ from inercal.methods._base import Fit, Remarks
 from inercal.plan import Hold, Turn
 from inercal.recording import Finding
 from inercal.sensors import Sensor
-from inercal.sensors.coefficient_tables import TABLES
+from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
 from inercal.units import format_value_and_uncertainty
 
 _KINDS = {"f": "accelerometers", "w": "gyros"}
@@ -80,12 +80,15 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
         if DETECTABLE_NORM * most <= CRITICAL_SHIFT * norm:
             continue
         size = CRITICAL_SHIFT / most
+        if size > _bias(sensor, one).largest:  # what acts on rows of turns moves no coefficient
+            continue
         if one.name not in unseen or size < unseen[one.name][1]:
             unseen[one.name] = one, size
     findings = tuple(
-        Finding("note", "unseen", f"{name} ({_size_text(sensor, *found)}): "
-                f"{found[0].remedy}", found[0].axis)
-        for name, found in unseen.items()
+        Finding("note", "unseen", f"{name} ({_size_text(sensor, *unseen[name])}): "
+                f"{unseen[name][0].remedy}", unseen[name][0].axis)
+        for name in dict.fromkeys(one.name for one in patterns)
+        if name in unseen
     )  # fmt: skip
     if not findings:
         return Remarks()
@@ -155,8 +158,13 @@ def _senses(steps: Sequence[Any], axis: Array, order: Sequence[int]) -> Array:
     return found
 
 
+def _bias(sensor: Sensor, one: _Pattern) -> ErrorTerm:
+    """Return the table entry of the bias of a pattern's axis."""
+    measures = next(axis.measures for axis in sensor.axes if axis.name == one.axis)
+    return next(line for line in TABLES[measures] if line.name == _BIASES[measures])
+
+
 def _size_text(sensor: Sensor, one: _Pattern, size: float) -> str:
     """Return a size in the unit of the axis's bias."""
-    measures = next(axis.measures for axis in sensor.axes if axis.name == one.axis)
-    line = next(line for line in TABLES[measures] if line.name == _BIASES[measures])
+    line = _bias(sensor, one)
     return f"{format_value_and_uncertainty(0.0, size / line.si)[1]} {line.unit}"

@@ -303,15 +303,17 @@ def _product(turns: Array) -> Array:
     return np.asarray(turns[0], dtype=float)
 
 
-def multi_position() -> Case:
-    """Return a recording of an IMU in 24 attitudes that nobody knows.
+def multi_position(ups: Array | None = None) -> Case:
+    """Return a recording of an IMU in attitudes that nobody knows: `ups`, (n, 3), up in the body.
 
     η is that of a thinned problem: mean readings of halves of each rest, as far as it is found, and
     the direction up as gyros carry it from one rest to the next. A hand may turn the sensor within
     a rest: from half to half the accelerometers tilt by as much as the gyros' noise leaves open.
     """
     hz = _SESSION.rate_hz
-    path = handheld.record(_IDEAL, _SESSION, np.random.default_rng(_PATH), ups=_up_directions())
+    given = _up_directions() if ups is None else ups
+    positions = len(given)
+    path = handheld.record(_IDEAL, _SESSION, np.random.default_rng(_PATH), ups=given)
     data, rests = path.data[0], path.rests
     ups = path.ups[0]
     across = _perpendicular_axes(ups)
@@ -339,7 +341,7 @@ def multi_position() -> Case:
         phi = hand.LATITUDE + v.get("latitude", 0.0)
         more = EARTH * (np.sin(phi) - np.sin(hand.LATITUDE))
         parts: list[Array] = []
-        lean = np.array([[v.get(f"aim{j}[{k}]", 0.0) for j in (1, 2)] for k in range(POSITIONS)])
+        lean = np.array([[v.get(f"aim{j}[{k}]", 0.0) for j in (1, 2)] for k in range(positions)])
         middles = np.array([[(3 * a + b) / 4, (a + 3 * b) / 4] for a, b in rests]) / hz
         level = np.array([v.get("earth_e", 0.0), v.get("earth_n", 0.0), 0.0])
         for k, (a, _) in enumerate(rests):
@@ -362,7 +364,7 @@ def multi_position() -> Case:
         return np.concatenate(parts)
 
     one = np.sqrt(hold / 2)
-    sd = [np.repeat([WHITE_A / one, WHITE_G / one], 6)] * POSITIONS
+    sd = [np.repeat([WHITE_A / one, WHITE_G / one], 6)] * positions
     sd += [np.full(2, WHITE_G * np.sqrt((b - a) / hz + 2 * CUT)) for a, b in ways]
     noise = np.concatenate(sd)
 
@@ -371,7 +373,7 @@ def multi_position() -> Case:
         session = handheld.replace(
             _SESSION, gravity=hand.GRAVITY + v.get("g", 0.0), latitude=latitude
         )
-        made = handheld.record(_IDEAL, session, np.random.default_rng(_PATH), ups=_up_directions())
+        made = handheld.record(_IDEAL, session, np.random.default_rng(_PATH), ups=given)
         f, w = made.data[0, :, :3], made.data[0, :, 3:]
         place = made.time / made.time[-1] - 0.5
         y = np.concatenate(
@@ -399,9 +401,9 @@ def multi_position() -> Case:
         "earth_e": Unknown(level),
         "earth_n": Unknown(level),
     }
-    unknowns |= {f"aim{j}[{k}]": Unknown(1e-3, "open") for k in range(POSITIONS) for j in (1, 2)}
+    unknowns |= {f"aim{j}[{k}]": Unknown(1e-3, "open") for k in range(positions) for j in (1, 2)}
     unknowns |= {
-        f"sway{i}{j}[{k}]": Unknown(1.0) for k in range(POSITIONS) for j in (1, 2) for i in range(3)
+        f"sway{i}{j}[{k}]": Unknown(1.0) for k in range(positions) for j in (1, 2) for i in range(3)
     }
     violations = (
         _GRAVITY,
