@@ -8,14 +8,12 @@ docs/evidence/filtered-noise.json and the page beside it; `--runs` with another 
 only.
 """
 
-import argparse
-import json
 from dataclasses import replace
-from multiprocessing import Pool
 from typing import Any
 
 import numpy as np
 from tests.evidence.stored_counts import FOLDER
+from tests.evidence.stored_runs import store_runs
 from tests.noise.filtered_generator import DEG_H, FilteredTruth, readings
 
 import inercal
@@ -216,16 +214,5 @@ def _short(name: str, one: dict[str, Any], share: float) -> str:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=RUNS)
-    runs = parser.parse_args().runs
-    with Pool(2) as pool:
-        found = work_out(runs, pool)
-    if runs == RUNS:
-        DATA.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
-        PAGE.write_text(page(found), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    store_runs(__doc__, work_out, page, (DATA, PAGE), RUNS)

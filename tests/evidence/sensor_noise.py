@@ -7,17 +7,15 @@ Recordings of tests/noise/generator.py, which knows nothing of inercal, of two g
 the page beside it; `--runs` with another number prints it only.
 """
 
-import argparse
-import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from multiprocessing import Pool
 from typing import Any
 
 import numpy as np
 from scipy.special import betaincinv
 from tests.evidence.stored_counts import FOLDER
+from tests.evidence.stored_runs import store_runs
 from tests.noise.generator import DEG_H, MEMS, TACTICAL, draw
 
 from inercal.noise.coefficients import estimate_coefficients
@@ -235,16 +233,5 @@ def page(found: dict[str, Any]) -> str:
     return "\n".join([*lines, ""])
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=RUNS)
-    runs = parser.parse_args().runs
-    with Pool(4) as pool:
-        found = work_out(runs, pool)
-    if runs == RUNS:
-        DATA.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
-        PAGE.write_text(page(found), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    store_runs(__doc__, work_out, page, (DATA, PAGE), RUNS)

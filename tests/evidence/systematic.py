@@ -7,14 +7,12 @@ rests, 17 min at 20 Hz, tilt 2°, axes 0.5° off, angles 0.2° off, the IMU 10 c
 and the page beside it; `--runs` with another number prints it only.
 """
 
-import argparse
-import json
 from dataclasses import replace
-from multiprocessing import Pool
 from typing import Any, NamedTuple
 
 import numpy as np
 from tests.evidence.stored_counts import FOLDER
+from tests.evidence.stored_runs import store_runs
 from tests.methods import systematic_table as made
 from tests.methods.systematic_cases import errors_of, group_of, sensor_of, solved, table_of, unit_of
 
@@ -201,20 +199,5 @@ def page(found: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
-    """Work out all counts; store those of the full number of runs."""
-    parser = argparse.ArgumentParser(prog="python -m tests.evidence.systematic")
-    parser.add_argument("--runs", type=int, default=RUNS)
-    parser.add_argument("--processes", type=int, default=1)
-    chosen = parser.parse_args()
-    with Pool(chosen.processes) as pool:
-        found = work_out(chosen.runs, pool)
-    if chosen.runs == RUNS:
-        DATA.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
-        PAGE.write_text(page(found), encoding="utf-8")
-    else:
-        print(page(found))
-
-
 if __name__ == "__main__":
-    main()
+    store_runs(__doc__, work_out, page, (DATA, PAGE), RUNS)

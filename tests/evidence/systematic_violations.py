@@ -9,13 +9,11 @@ docs/evidence/systematic-violations.json and the page beside it; `--devices` wit
 prints it only.
 """
 
-import argparse
 import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import Pool
 from typing import Any
 from zlib import crc32
 
@@ -23,6 +21,7 @@ import numpy as np
 from tests.evidence.cases.hand_recordings import npz_archive
 from tests.evidence.graded_calibration import GradedCalibration, calibrate_files
 from tests.evidence.stored_counts import FOLDER, current_commit, describe_machine
+from tests.evidence.stored_runs import store_runs
 from tests.methods import systematic_table as made
 from tests.methods.systematic_cases import sensor_of, solved, table_of
 
@@ -212,7 +211,7 @@ def devices_of(fault: str, devices: int) -> int:
     return BASE_DEVICES * devices // DEVICES if fault == "none" else devices
 
 
-def work_out(devices: int, processes: int) -> dict[str, Any]:
+def work_out(devices: int, pool: Any) -> dict[str, Any]:
     """Return all counts, by fault and grade."""
     cells = [(fault, grade) for fault in FAULTS for grade in made.GRADES]
     shown = [cell for cell in cells if FAULTS[cell[0]].has_visibility]
@@ -222,9 +221,8 @@ def work_out(devices: int, processes: int) -> dict[str, Any]:
         for seed in SEEDS
         for k in range(devices_of(cell[0], devices) // len(SEEDS))
     ]
-    with Pool(processes) as pool:
-        eta = dict(zip(shown, pool.map(visibility, shown, chunksize=1), strict=True))
-        found = pool.map(answer, tasks, chunksize=3)
+    eta = dict(zip(shown, pool.map(visibility, shown, chunksize=1), strict=True))
+    found = pool.map(answer, tasks, chunksize=3)
     counts: dict[str, Any] = {}
     for fault, grade in cells:
         own = [one for task, one in zip(tasks, found, strict=True) if task[:2] == (fault, grade)]
@@ -273,19 +271,5 @@ def page(found: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
-    """Work out all counts; store those of the full number of devices."""
-    parser = argparse.ArgumentParser(prog="python -m tests.evidence.systematic_violations")
-    parser.add_argument("--devices", type=int, default=DEVICES)
-    parser.add_argument("--processes", type=int, default=1)
-    chosen = parser.parse_args()
-    found = work_out(chosen.devices, chosen.processes)
-    if chosen.devices == DEVICES:
-        DATA.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
-        PAGE.write_text(page(found), encoding="utf-8")
-    else:
-        print(page(found))
-
-
 if __name__ == "__main__":
-    main()
+    store_runs(__doc__, work_out, page, (DATA, PAGE), DEVICES, "--devices")

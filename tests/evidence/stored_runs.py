@@ -1,0 +1,47 @@
+"""Monte Carlo counts: worked out from the command line, stored with the page beside them."""
+
+import argparse
+import json
+from collections.abc import Callable
+from multiprocessing import Pool
+from pathlib import Path
+from typing import Any
+
+
+def store_runs(
+    description: str | None,
+    work_out: Callable[[int, Any], dict[str, Any]],
+    page: Callable[[dict[str, Any]], str],
+    files: tuple[Path, Path],
+    runs: int,
+    option: str = "--runs",
+) -> None:
+    """Work out counts; store those of the full number of runs, and print the page of fewer.
+
+    Parameters
+    ----------
+    description : str or None
+        Of the command.
+    work_out : callable
+        From a number of runs and a pool of processes to the counts.
+    page : callable
+        From the counts to the text of their page.
+    files : tuple of 2 Path
+        Of the counts and of the page.
+    runs : int
+        The full number.
+    option : str
+        Name of the option that takes another number.
+    """
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument(option, dest="runs", type=int, default=runs)
+    parser.add_argument("--processes", type=int, default=2)
+    chosen = parser.parse_args()
+    with Pool(chosen.processes) as pool:
+        found = work_out(chosen.runs, pool)
+    if chosen.runs != runs:
+        print(page(found))
+        return
+    data, text = files
+    data.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
+    text.write_text(page(found), encoding="utf-8")
