@@ -256,6 +256,19 @@ def _coefficient_violations(kind: str) -> tuple[str, ...]:
     return tuple(f"drift of {kind}{a}" for a in AXES)
 
 
+def mistaken(y: Array, gross: Violation | None) -> Array:
+    """Return readings (..., m) with a violation that has no size; others change nothing here."""
+    return y if gross is None or gross.gross is None else gross.gross(y)
+
+
+def noisy_means(
+    exact: Array, noise: Array, rng: np.random.Generator, gross: Violation | None, channels: int
+) -> Array:
+    """Return mean readings (r, channels): exact ones (r * channels,), noise, and a mistake."""
+    y = exact + noise * rng.standard_normal(noise.size)
+    return mistaken(y.reshape(-1, channels), gross)
+
+
 def swap_columns(first: int, second: int) -> Violation:
     """Return two columns in each other's place."""
 

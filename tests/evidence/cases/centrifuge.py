@@ -84,9 +84,7 @@ def centrifuge_norm() -> Case:
     noise = np.full(3 * n, NOISE)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
-        y = (readings(v) + noise * rng.standard_normal(3 * n)).reshape(n, 3)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
         labels = [f"p{k + 1:02d}" for k in range(n)]
         rpm = np.array([dwell[0] for dwell in dwells])
         table = csv(("position", "rpm", "ax", "ay", "az"), labels, rpm, 0.1 * y / G0)

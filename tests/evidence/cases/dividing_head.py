@@ -100,9 +100,7 @@ def _case(
     noise = np.full(rows * m, noise_ug * UG)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
-        y = (readings(v) + noise * rng.standard_normal(rows * m)).reshape(rows, m)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.noisy_means(readings(v), noise, rng, gross, m)
         text = '[sensor]\nname = "pair"\n[sensor.accelerometer]\nunit = "V"\nscale = "3 V/g"\n'
         collimation = "pairs" if pairs else "none"
         text += _BENCH.format(h1=h1, h2=h2, division=division, collimation=collimation)

@@ -123,9 +123,7 @@ def six_position() -> Case:
     noise = np.full(18, NOISE)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
-        y = (readings(v) + noise * rng.standard_normal(18)).reshape(6, 3)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
         return {
             "run.toml": _SIX,
             "means.csv": csv(("position", "ax", "ay", "az"), list(FACES), y / G0),
@@ -209,9 +207,7 @@ def ferraris() -> Case:
     noise = np.tile(np.repeat([NOISE, GYRO_NOISE], 3), n)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
-        y = (readings(v) + noise * rng.standard_normal(noise.size)).reshape(n, 6)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.noisy_means(readings(v), noise, rng, gross, 6)
         seconds = np.where(np.arange(n) < 6, 10.0, SECONDS)
         names = ("position", "seconds", "ax", "ay", "az", "gx", "gy", "gz")
         table = csv(names, labels, seconds, y[:, :3] / G0, y[:, 3:] / DEGREE)

@@ -96,8 +96,7 @@ def six_position() -> Case:
         y = y + WHITE_A * np.sqrt(hz) * rng.standard_normal(y.shape)
         if v.get("slow", 0.0):
             y = y + _slow_noise(rng, len(y), hz, v)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.mistaken(y, gross)
         names = np.array(list(hand.FACES))[rest]
         columns = {f"a{a}": y[:, k] / G0 for k, a in enumerate("xyz")}
         return {"run.toml": _SIX, "log.npz": npz_archive(time=time, part=names, **columns)}
@@ -214,9 +213,7 @@ def multi_position_means() -> Case:
     noise = np.full(3 * POSITIONS, hand.NOISE)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
-        y = (readings(v) + noise * rng.standard_normal(noise.size)).reshape(POSITIONS, 3)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
         labels = [f"r{k + 1:02d}" for k in range(POSITIONS)]
         table = csv(("position", "ax", "ay", "az"), labels, y / G0)
         return {"run.toml": _FREE, "means.csv": table}
@@ -303,15 +300,15 @@ def _product(turns: Array) -> Array:
     return np.asarray(turns[0], dtype=float)
 
 
-def multi_position(ups: Array | None = None) -> Case:
-    """Return a recording of an IMU in attitudes that nobody knows: `ups`, (n, 3), up in the body.
+def multi_position(directions: Array | None = None) -> Case:
+    """Return a recording of an IMU in attitudes that nobody knows; `directions` are up, (n, 3).
 
     η is that of a thinned problem: mean readings of halves of each rest, as far as it is found, and
     the direction up as gyros carry it from one rest to the next. A hand may turn the sensor within
     a rest: from half to half the accelerometers tilt by as much as the gyros' noise leaves open.
     """
     hz = _SESSION.rate_hz
-    given = _up_directions() if ups is None else ups
+    given = _up_directions() if directions is None else directions
     positions = len(given)
     path = handheld.record(_IDEAL, _SESSION, np.random.default_rng(_PATH), ups=given)
     data, rests = path.data[0], path.rests
@@ -385,8 +382,7 @@ def multi_position(ups: Array | None = None) -> Case:
         y += np.repeat([WHITE_A, WHITE_G], 3) * np.sqrt(hz) * rng.standard_normal(y.shape)
         if v.get("slow", 0.0):
             y[:, :3] += _slow_noise(rng, len(y), hz, v)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.mistaken(y, gross)
         columns = {f"a{a}": y[:, k] / G0 for k, a in enumerate("xyz")}
         columns |= {f"g{a}": y[:, 3 + k] / DEGREE for k, a in enumerate("xyz")}
         time = made.time / (1 + v.get("timebase", 0.0))

@@ -78,9 +78,7 @@ def rates_and_poses() -> Case:
     noise = np.full(3 * n, NOISE)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
-        y = (readings(v) + noise * rng.standard_normal(3 * n)).reshape(n, 3)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
         axes = ["xyz"[k] for k in setting]
         names = ("axis", "rate", "seconds", "gx", "gy", "gz")
         table = csv(names, axes, rates, np.full(n, SECONDS), y / DEGREE)

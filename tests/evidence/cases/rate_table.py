@@ -93,9 +93,7 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
     noise = np.full(3 * n, NOISE)
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
-        y = (readings(v) + noise * rng.standard_normal(3 * n)).reshape(n, 3)
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.noisy_means(readings(v), noise, rng, gross, 3)
         rpm = np.array([s[3] for s in states])
         names = ("mounting", "rpm", "ax", "ay", "az")
         table = csv(names, [_name(s) for s in states], rpm, 16384 * y / G0)

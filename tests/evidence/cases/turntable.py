@@ -290,8 +290,7 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
             y[:, part] += white * np.sqrt(HZ) * rng.standard_normal((n, 3))
             y[:, part] += flicker(rng, n, HZ, size * drifts)
         said = readback(v, late) + 0.5 * ARCSEC * rng.standard_normal((n, 3))
-        if gross is not None and gross.gross is not None:
-            y = gross.gross(y)
+        y = sensor_models.mistaken(y, gross)
         columns = {f"a{x}": y[:, k] / G0 for k, x in enumerate("xyz")}
         columns |= {f"g{x}": y[:, 3 + k] / DEGREE for k, x in enumerate("xyz")}
         columns |= {name: said[:, k] / DEGREE for k, name in enumerate(NAMES)}
