@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 from typing import Protocol, cast
 
-from inercal.calibration.grade import SuspectedCause
+from inercal.calibration.best_cause import SuspectedCause
 from inercal.run_file_advice import Advice, Change
 
 CHANGE_PREFIX = "change "  # begins the name of a candidate that changes within one row

@@ -12,45 +12,34 @@ tests where nothing is scored. The grade is::
                                than twice the stated scatter, or the best of the causes tested
                                shifts a coefficient by more than its U
 
-The best of the causes tested is the candidate with the smallest p-value, if it explains the
-residuals better than a scatter of all rows does: the remaining residuals agree with the stated
-noise, or are small compared with the explained part (F test). It must leave a degree of freedom,
-and a coefficient must be plausible: not beyond its largest plausible size by more than 6 standard
-deviations. Where what is estimated takes up all but a thousandth of its effect, it must not depart
-from what is stated of it by more than 6 standard deviations. It is the suspect where what it leaves
-unexplained is not significant; otherwise no single cause explains the residuals. Candidates whose
-explained residual lies within 30° of the suspect's cannot be distinguished from it. Of those that
-explain as much (χ² within 4; except rows, in no more directions) the first is named in the order of
-possible remedies: a coefficient that the method can estimate, the bench, a change over the run, a
-row, other coefficients; and of two statements the one that departs less from what is stated of it,
-in its standard deviations.
+The best of the causes tested is that of `inercal.calibration.best_cause`; it is the suspect where
+what it leaves unexplained is not significant. Otherwise no single cause explains the residuals.
 
 A check of the stated noise warns where uncertainties follow from a noise that was stated too large:
 by it alone a result is usable with reservations, because its uncertainties are too large.
 """
-# SciPy has no stubs.
-# pyright: reportMissingTypeStubs=false
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-import scipy
 
-from inercal.estimate import Estimate, ScoreTest
+from inercal.calibration.best_cause import (
+    OutlierRow,
+    SuspectedCause,
+    familywise_p_value,
+    find_best_cause,
+    find_outlier_row,
+)
+from inercal.estimate import Estimate
 from inercal.estimate.scores import (
-    PARALLEL_COSINE,
     SCORE_TEST_SHARE,
     SIGNIFICANCE_LEVEL,
-    Kind,
-    ScoreTestSet,
     chi2_tail_probability,
-    remaining_p_value,
 )
 from inercal.recording import Finding, RoundedChannel
-from inercal.run_file_advice import Advice, Change
-from inercal.uncertainty.coverage import COVERAGE
+from inercal.run_file_advice import Advice
 
 Grade = Literal["consistent", "reservations", "unreliable"]
 GRADE_WORDS: dict[Grade, str] = {
@@ -62,9 +51,6 @@ GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "
 _MAX_SCATTER = 2.0  # times the stated scatter
 _MAX_SHIFT = 1.0  # U
 _SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within a quarter of it
-_KIND_ORDER: tuple[Kind, ...] = ("bench", "time", "row", "coefficient")
-_EQUIVALENT_CHI2 = 4.0  # of χ²: two standard deviations of one direction
-_MIN_P_VALUE = 1e-280  # a smaller probability is computed from its asymptote
 
 
 @dataclass(frozen=True)
@@ -81,67 +67,6 @@ class HypothesisTest:
     def rejects(self) -> bool:
         """Whether the model is rejected by this test at the overall level."""
         return self.adjusted < SIGNIFICANCE_LEVEL
-
-
-@dataclass(frozen=True)
-class SuspectedCause:
-    """The candidate, omitted from the model or assumed known, that explains the residuals best.
-
-    Parameters
-    ----------
-    name, kind, components, units
-        As of the candidate (`inercal.estimate.Candidate`).
-    sizes, sds : tuple of float
-        Estimates of its components, and their standard deviations, SI.
-    chi2, dof, adjusted
-        Decrease of χ², degrees of freedom, and p-value among all candidates.
-    remaining_chi2, remaining_dof : float and int
-        Remaining χ², and its degrees of freedom.
-    remaining_p_value : float
-        Probability of a χ² as large as the remaining one if this cause were the only one.
-    changes : tuple of Change
-        Of the candidate: keys of the run file that let the method estimate it.
-    least_sizes : tuple of float
-        The smallest sizes of the components that explain as much, SI.
-    shift : float
-        The largest shift that it causes in a coefficient, in units of that coefficient's U.
-    shifted_coefficient : str
-        The coefficient with this shift.
-    indistinguishable : tuple of str
-        Candidates that explain the same residuals, which no test distinguishes from it.
-    """
-
-    name: str
-    kind: Kind
-    components: tuple[str, ...]
-    units: tuple[str, ...]
-    sizes: tuple[float, ...]
-    sds: tuple[float, ...]
-    chi2: float
-    dof: int
-    adjusted: float
-    remaining_chi2: float
-    remaining_dof: int
-    shift: float
-    shifted_coefficient: str
-    indistinguishable: tuple[str, ...]
-    remaining_p_value: float = 1.0
-    changes: tuple[Change, ...] = ()
-    least_sizes: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class OutlierRow:
-    """The row of the data that agrees least with the others, and its p-value among all rows.
-
-    `indistinguishable` are the rows that no test distinguishes from it.
-    """
-
-    name: str
-    chi2: float
-    dof: int
-    adjusted: float
-    indistinguishable: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -287,15 +212,10 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
     ]
     return Assessment(
         tests,
-        _best_cause(estimate, count, significant, possible),
-        _outlier_row(estimate),
+        find_best_cause(estimate, count, significant, possible),
+        find_outlier_row(estimate),
         bool(significant),
     )
-
-
-def familywise_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
-    """Return the p-value of a score among all tests of its estimate."""
-    return min(1.0, score_tests.adjusted(score) / SCORE_TEST_SHARE)
 
 
 def grade_estimate(
@@ -363,108 +283,3 @@ def grade_estimate(
 def is_far_from_nominal(scale: float) -> bool:
     """Return whether a scale factor, 1 being nominal, is implausibly far from nominal."""
     return not _SCALE_LIMITS[0] < scale < _SCALE_LIMITS[1]
-
-
-def _best_cause(
-    estimate: Estimate, count: int, significant: Sequence[ScoreTest], possible: Collection[str]
-) -> SuspectedCause | None:
-    score_tests = estimate.score_tests
-    convincing = [score for score in significant if _explains_residuals(estimate, score)]
-    if not convincing:
-        return None
-    logs = {score.name: _log_p(score) for score in convincing}
-    least = min(logs.values())
-
-    def rank(score: ScoreTest) -> tuple[bool, int, float]:
-        # Of two statements that would explain the same, the one that departs less is the likelier.
-        free = set(score.components) <= set(possible)
-        return not free, _KIND_ORDER.index(score.kind), score.departure
-
-    # Candidates in the same direction of the data have equal p-values except for rounding.
-    best = min(
-        (score for score in convincing if logs[score.name] <= least + 1e-6 * abs(least)),
-        key=lambda score: (rank(score), -len(score.components)),
-    )
-    as_good = [
-        score
-        for score in convincing
-        if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
-        # A cause of more directions would explain more; the readings of a row may be anything.
-        and (score.kind == "row" or score.dof <= best.dof)
-        and best.cosine(score) >= PARALLEL_COSINE
-        and not set(score.components) & set(best.components)
-    ]
-    first = min((best, *as_good), key=lambda score: (rank(score), score is not best, -score.chi2))
-    related = {one for one in score_tests.scores if set(one.components) & set(first.components)}
-    alike = [
-        one.name
-        for one in sorted(score_tests.scores, key=lambda one: -first.cosine(one))
-        if one not in related
-        and one.dof
-        and not (one.is_implausible or one.contradicts_statement)
-        and first.cosine(one) >= PARALLEL_COSINE
-    ]
-    expanded = COVERAGE * estimate.std[:count]
-    shift = np.abs(first.shift[:count]) / np.where(expanded > 0, expanded, np.inf)
-    most = int(np.argmax(shift))
-    return SuspectedCause(
-        first.name,
-        first.kind,
-        first.components,
-        first.units,
-        tuple(first.size.tolist()),
-        tuple(first.sd.tolist()),
-        first.chi2,
-        first.dof,
-        familywise_p_value(score_tests, first),
-        max(score_tests.chi2 - first.chi2, 0.0),
-        max(score_tests.dof - first.dof, 0),
-        float(shift[most]),
-        estimate.names[most],
-        tuple(alike),
-        _remaining_p_value(score_tests, first),
-        first.changes,
-        () if first.least_size is None else tuple(first.least_size.tolist()),
-    )
-
-
-def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
-    left = max(score_tests.chi2 - score.chi2, 0.0)
-    return remaining_p_value(left, score_tests.dof - score.dof, score.chi2, score_tests.noise_dof)
-
-
-def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
-    """Return whether a candidate explains the residuals better than a scatter of all rows.
-
-    One that leaves no degree of freedom, that is implausibly large, or that
-    contradicts its own statement explains nothing.
-    """
-    score_tests = estimate.score_tests
-    left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
-    if dof <= 0 or score.is_implausible or score.contradicts_statement:
-        return False
-    if _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL:
-        return True
-    ratio = (score.chi2 / score.dof) / (left / dof)
-    return (
-        score_tests.adjusted(score, float(scipy.special.fdtrc(score.dof, dof, ratio)))
-        < SIGNIFICANCE_LEVEL
-    )
-
-
-def _outlier_row(estimate: Estimate) -> OutlierRow | None:
-    rows = [score for score in estimate.score_tests.scores if score.kind == "row" and score.dof]
-    if not rows:
-        return None
-    worst = min(rows, key=_log_p)
-    alike = (one for one in rows if one is not worst and worst.cosine(one) >= PARALLEL_COSINE)
-    p_value = min(1.0, len(rows) * worst.p_value)
-    return OutlierRow(worst.name, worst.chi2, worst.dof, p_value, tuple(one.name for one in alike))
-
-
-def _log_p(score: ScoreTest) -> float:
-    """Return the logarithm of a p-value, also where it is too small for a float."""
-    if (p := score.p_value) > _MIN_P_VALUE:
-        return float(np.log(p))
-    half = score.dof / 2
-    return float((half - 1) * np.log(score.chi2 / 2) - score.chi2 / 2 - scipy.special.gammaln(half))

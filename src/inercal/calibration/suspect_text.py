@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from inercal.calibration.advising import CHANGE_PREFIX, changes_text
+from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
-from inercal.calibration.grade import SuspectedCause
 from inercal.estimate.scores import Kind
 from inercal.parameters import Parameter
 from inercal.run_file_advice import Advice

@@ -6,6 +6,7 @@ from types import MappingProxyType
 import numpy as np
 
 from inercal.calibration.advising import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
+from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
@@ -14,7 +15,6 @@ from inercal.calibration.detectability import (
 )
 from inercal.calibration.grade import (
     Assessment,
-    SuspectedCause,
     Verdict,
     assess,
     grade_estimate,

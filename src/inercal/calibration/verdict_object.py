@@ -4,13 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from inercal.calibration.grade import (
-    GRADE_WORDS,
-    HypothesisTest,
-    NoiseFactor,
-    SuspectedCause,
-    Verdict,
-)
+from inercal.calibration.best_cause import SuspectedCause
+from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
 from inercal.errors import InputError
 from inercal.recording import RoundedChannel
 from inercal.run_file_advice import Advice, Change

@@ -4,30 +4,23 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inercal.arrays import Array
 from inercal.benches import Bench
-from inercal.benches.kind_definition import Kind
-from inercal.benches.report_data import Plot
 from inercal.blas_threads import with_one_thread
 from inercal.calibration import Calibration
 from inercal.calibration.check_standard import CHECK_STANDARD
-from inercal.calibration.display import to_html
-from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
 from inercal.data import EstimatorInput
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.estimate import Estimate
 from inercal.methods import Fit
 from inercal.methods.temperature import temperature_coefficients
-from inercal.motion import Motion
-from inercal.parameters import Parameter
 from inercal.pipeline.advisor import RunAdvisor
 from inercal.pipeline.calibration_record import (
     bench_estimates,
@@ -37,6 +30,7 @@ from inercal.pipeline.calibration_record import (
     validity,
 )
 from inercal.pipeline.correction import apply, load_recording
+from inercal.pipeline.outcome import Outcome
 from inercal.pipeline.qualified_errors import qualification_conditions, uncounted_notes
 from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
@@ -47,90 +41,17 @@ from inercal.pipeline.stated_values import (
     require_small_assumed_share,
 )
 from inercal.pipeline.temperature_fit import (
-    TemperatureFit,
     fit_over_temperatures,
     with_common_errors,
 )
 from inercal.pipeline.zero_rate_check import check_zero_rates
-from inercal.plan import Step
-from inercal.recording import Finding, Mark, Observations, Recording, merge_findings
+from inercal.recording import Finding, merge_findings
 from inercal.runfile import Run, read
-from inercal.segments import RestDetection
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Outcome:
-    """All results of a calibration run, for reports and for inspection.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    estimate : Estimate
-        With the bench's nuisances and the residuals.
-    observations : Observations
-    steps : tuple of Step
-        Of each observation.
-    bench : Bench
-    kind : Kind
-        Of the bench.
-    expected : mapping of str to Parameter
-        The bench's parameters that act on these steps, by full name, as they were stated.
-    recording : Recording or None
-        None when the data are a table of means.
-    marks : tuple of Mark
-    findings : tuple of Finding
-        Of the audit and of the checks against the plan.
-    verdict : Verdict
-        The grade, its reasons, and lines in plain words; iteration yields the lines.
-    rests : RestDetection or None
-        Thresholds and marks, where rests were detected without a plan.
-    search : SearchHistory or None
-        Of an estimator that searches.
-    temperature_fit : TemperatureFit or None
-        Soaks, orders and prediction errors, where temperatures were stated or tested.
-    plots : tuple of Plot
-        Figures that the method adds to the report.
-    """
-
-    calibration: Calibration
-    estimate: Estimate
-    observations: Observations
-    steps: tuple[Step, ...]
-    bench: Bench
-    kind: Kind[Any, Any]
-    expected: Mapping[str, Parameter]
-    recording: Recording | None
-    marks: tuple[Mark, ...]
-    findings: tuple[Finding, ...]
-    verdict: Verdict
-    rests: RestDetection | None = None
-    search: "SearchHistory | None" = None
-    temperature_fit: TemperatureFit | None = None
-    plots: tuple[Plot, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"<Outcome: {repr(self.calibration).strip('<>')}>"
-
-    def _repr_html_(self) -> str:
-        return to_html(self.calibration)
-
-    def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return the motion that the calibrated sensor measured, at the temperatures of the means.
-
-        Parameters
-        ----------
-        w : (r, 3) array, optional
-            Angular rate where the sensor has no gyros, rad/s.
-        """
-        sensor, seen = self.calibration.sensor, self.observations
-        dT = seen.temperature_offset(sensor.reference_temperature)
-        output = sensor.to_output(seen.mean)
-        return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
 
 
 @with_one_thread

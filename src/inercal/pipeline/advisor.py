@@ -14,7 +14,7 @@ import numpy as np
 
 from inercal.benches.key_declarations import declarations
 from inercal.calibration.advising import action_on, also
-from inercal.calibration.grade import SuspectedCause
+from inercal.calibration.best_cause import SuspectedCause
 from inercal.errors import InercalError
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName, ErrorName

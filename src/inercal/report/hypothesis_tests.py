@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.calibration.grade import familywise_p_value
+from inercal.calibration.best_cause import familywise_p_value
 from inercal.calibration.suspect_text import format_component, p_value_text
 from inercal.estimate import ScoreTest
 from inercal.pipeline import Outcome
