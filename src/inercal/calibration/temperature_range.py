@@ -57,7 +57,7 @@ def require_usable(calibration: "Calibration", dT: Array | float, *, extrapolate
     dT : array or float
         Temperature minus the reference, K.
     extrapolate : bool
-        Whether temperatures beyond those of the calibration are accepted; none is below 0 K.
+        Whether temperatures beyond those of the calibration are accepted, but never below 0 K.
 
     Raises
     ------

@@ -191,7 +191,8 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
 def _states_no_frame(calibration: Calibration) -> bool:
     """Return whether a calibration of another program leaves the body frame open.
 
-    Without misalignments its scale factors are those along the axes, in whichever frame.
+    A file without misalignments states scale factors along the sensor's axes only, and these are
+    the same in every frame.
     """
     terms = {CoefficientName(name).term for name in calibration.sensor.coefficients}
     return not calibration.states_uncertainty and not terms & {"delta_o", "delta_p"}

@@ -186,9 +186,9 @@ def _spanned_at_statements(
 ) -> frozenset[tuple[str, ...]]:
     """Return the candidates within what is estimated, where the fit contradicts its priors.
 
-    A misfit pulls nuisances far from their priors. Derivatives there differ from row to row, so
-    that a column in the span of others, such as a scale common to all rows, seems to leave it. At
-    the values that the priors state it does not.
+    A misfit pulls nuisances far from their priors. There the derivatives differ from row to row, so
+    that a column in the span of the others, such as a scale common to all rows, seems to lie
+    outside it. Evaluated at the values that the priors state, the column lies in the span.
     """
     x, names = point.x.copy(), system.problem.names
     for prior in system.problem.priors:

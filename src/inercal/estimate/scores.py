@@ -166,8 +166,9 @@ class Candidate:
 class ExplainedResidual:
     """The part of a whitened residual that a candidate explains, (1 − Q Qᵀ) c for one column c.
 
-    Q are the directions of the estimate. Column and QᵀC are kept, not their difference: a
-    candidate of one row among thousands has few rows, what it leaves to the residuals has all.
+    Q are the directions of the estimate. The column and Qᵀc are stored
+    instead of their difference, because the column of a single row among thousands has few
+    elements, and the difference has one in every row.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def band_below(bins: Bins, symbols: Sequence[str]) -> Bins | None:
 
 
 def _kept(bins: Bins, symbols: Sequence[str], edge: float) -> Bins | None:
-    """Return the bins below an edge, where they determine N."""
+    """Return the bins below an edge; None if they do not determine N."""
     band = bins.below(edge)
     if band.power.size < 2 * len(symbols):
         return None

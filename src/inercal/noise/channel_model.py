@@ -1,10 +1,10 @@
 """The model of a channel's noise: its terms, the sensor's own filter, and the drift.
 
-1. A filter is looked for (`filter_search`). It is believed where the fit behind it passes the test.
-2. Without one the terms are fitted to the whole spectrum.
-3. Where they fail the test, the band is used that they describe (`band_edge`).
-4. N, B and K are refused where white noise behind a filter is not told from bias instability, and
-   where a filter shows that neither a shape nor a band describes.
+1. A filter is searched for (`filter_search`). It is accepted if the fit with it passes the test.
+2. Without a filter the terms are fitted to the whole spectrum.
+3. If they fail the test, only the band that they describe is used (`band_edge`).
+4. N, B and K are refused if white noise behind a filter cannot be distinguished from bias
+   instability, or if there is a filter that neither a shape nor a band describes.
 
 White noise behind one pole at f_c and a Gauss–Markov process of T = 1/(2π f_c) have one spectrum.
 They are told apart by the white noise of the read-out: only behind a filter may there be none.

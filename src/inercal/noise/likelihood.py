@@ -224,7 +224,7 @@ def extended(fit: NoiseFit, bins: Bins) -> NoiseFit:
 
 
 def fit_again(bins: Bins, fit: NoiseFit) -> NoiseFit:
-    """Return a fit with the same terms and T to other bins, without its covariance anew."""
+    """Return a fit of the same terms and T to other bins; its covariance is not recomputed."""
     basis = basis_matrix(bins, fit.symbols, fit.markov_time)
     tail = np.zeros(0) if bins.effect is None else bins.effect.start
     start = np.concatenate([fit.variances, tail])

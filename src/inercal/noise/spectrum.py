@@ -178,8 +178,8 @@ class Bins:
     def strong_bins(self) -> "Bins":
         """Return the bins that no leakage of the strongest frequencies covers.
 
-        The transform of a series that ends elsewhere than it begins leaks, by some 10⁻⁶ of the
-        power, which shows in the upper skirt of a filter.
+        The spectrum of a series whose last value differs from its first leaks into other bins, by
+        about 10⁻⁶ of the power. Far above the cut-off of a filter this is visible.
         """
         level = self.power / self.basis("N")
         return self.take(level > _LEAKAGE * np.quantile(level, _STRONGEST))

@@ -163,7 +163,7 @@ class RoundingErrors:
         return self.covariance * (1 - np.eye(len(self.covariance)))[..., None]
 
     def with_independent(self, variance: Array) -> "RoundingErrors":
-        """Return the errors with more that each mean has by itself, variances (m,)."""
+        """Return the errors with an independent error of each mean added, variances (m,)."""
         added = np.eye(len(self.covariance))[..., None] * variance
         return replace(self, covariance=self.covariance + added)
 

@@ -95,7 +95,7 @@ def _without_last_digits(readings: Array) -> Array:
 
 
 def _coarse_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladder | None:
-    """Return the levels by the stated step or that at rest, or else by the smallest gap."""
+    """Return the levels, from the stated step, the step at rest or the smallest gap."""
     step = max(stated, _step_at_rest(rests))
     if not step and levels.size > 1 and _has_few_levels(rests):
         step = float(np.diff(levels).min())

@@ -78,7 +78,7 @@ class PmacDialogue(Closeable):
         The line is sent on a new connection before anything is answered there.
 
         After a `ProtocolError` the connection stays as it is, so that the next command of a stop
-        need not wait for another; the caller gives it up when all are sent.
+        need not wait for a new one; the caller drops it after the last command.
         """
         link = self._open()
         try:
@@ -156,7 +156,7 @@ class PmacDialogue(Closeable):
         return lines
 
     def _open(self) -> Link:
-        """Return the connection, opened if there is none; nothing was sent on it yet then."""
+        """Return the connection. If there is none, open one, on which nothing was sent yet."""
         if self._link is None:
             self._link = self._opener(self.address)
         return self._link

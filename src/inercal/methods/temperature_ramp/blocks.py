@@ -182,7 +182,7 @@ class RampBlocks:
         return _weighted(_weighted(blocks).T) if weighted else blocks
 
     def rounding_covariance(self, track: Track, sensor: Sensor) -> Array | None:
-        """Return the covariance of the means by coarse steps of the readings, (b, b, m) SI."""
+        """Return the covariance of the means due to coarse steps of the readings, (b, b, m) SI."""
         n = track.time.size
         length = max(1, round(n * self.seconds / float(track.time[-1] - track.time[0])))
         starts = np.linspace(0, n - length, min(_LOOKED_AT, n // length)).astype(np.int64)
@@ -198,7 +198,7 @@ class RampBlocks:
         ----------
         sensor : Sensor
         rounding : (b, b, m) array, optional
-            Covariance of the means by coarse steps of the readings.
+            Covariance of the means due to coarse steps of the readings.
 
         Raises
         ------
