@@ -1,4 +1,4 @@
-"""Who confirms the mountings of a run where standard input is no terminal.
+"""Confirmations of the mountings of a run when standard input is no terminal.
 
 A line `mounted NAME` or `mounted NAME OPERATOR` confirms that the sensor is mounted as requested.
 A line of standard input counts only if it comes after the request; one of an answer file confirms

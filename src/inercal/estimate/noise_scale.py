@@ -95,7 +95,7 @@ def noise_scale(rows: WhitenedRows, chosen: NDArray[np.bool_]) -> NoiseScale | N
     Returns
     -------
     NoiseScale or None
-        None where the residuals of these observations do not depend on their noise.
+        None if the residuals of these observations do not depend on their noise.
     """
     size = np.linalg.norm(np.concatenate([rows.jacobian, rows.prior_jacobian]), axis=0)
     size = np.where(size > 0, size, 1.0)

@@ -138,7 +138,7 @@ class Table:
         return self.stamps(name).astype(np.float64, copy=False)
 
     def stamps(self, name: str) -> Array | NDArray[np.int64]:
-        """Return a column of numbers, (n,), whole numbers as they are.
+        """Return a column of numbers, (n,); whole numbers stay integers.
 
         Raises
         ------

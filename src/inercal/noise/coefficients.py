@@ -40,7 +40,7 @@ def possible_method(
     single : bool
         Whether it is the only piece: GMWM joins none.
     bins : Bins
-        Of the fit: GMWM knows no filter of the sensor, and all averaging times.
+        Of the fit: GMWM has no model of a sensor's filter, and needs all averaging times.
     """
     if method != "gmwm":
         return method, ()
@@ -65,7 +65,7 @@ def estimate_coefficients(
 ) -> tuple[tuple[NoiseCoefficient, ...], dict[str, Estimates]]:
     """Return the coefficients by a method, and the estimates of the other methods, SI.
 
-    B and K that are not in the model, or not significant, have their upper limit alone.
+    B and K that are not in the model, or not significant, have only an upper limit.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def estimate_coefficients(
 
 
 def _longer(oadev: Deviations, shortest: float) -> Deviations:
-    """Return the deviation from an averaging time on, s."""
+    """Return the deviations at an averaging time, s, and at all longer ones."""
     kept = oadev.tau >= shortest
     arrays = {
         name: getattr(oadev, name)[kept] for name in ("tau", "value", "low", "high", "edf", "count")

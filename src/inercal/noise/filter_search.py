@@ -120,7 +120,7 @@ class FilterSearch:
 
     @property
     def is_better(self) -> bool:
-        """Whether the recording asks for a filter."""
+        """Whether the recording is described better with a filter than without one."""
         return self.gain > NEEDED_GAIN
 
 

@@ -219,7 +219,7 @@ def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = No
 
 
 def extended(fit: NoiseFit, bins: Bins) -> NoiseFit:
-    """Return a fit with its S at other bins."""
+    """Return a fit with its spectrum evaluated at other bins."""
     return replace(fit, model=basis_matrix(bins, fit.symbols, fit.markov_time) @ fit.variances)
 
 

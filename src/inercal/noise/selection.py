@@ -7,12 +7,12 @@ lies at an end of those that are tried is no candidate: to the recording it is w
 random walk. Nor is one kept that is not significant.
 
 A variance lies on the boundary of its range when the term is absent, so that the likelihood ratio
-2 ΔL of one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is present where every candidate
-without it has a loss that is larger by half the limit below or more. In a model without a
-Gauss–Markov process the candidates are those without one, too: of flicker and a random walk some
-are described as well by it. Only where it describes a recording no better is B or K significant. B
-and K have the limit of `LEVEL` each; Q and G share
-it between the terms that are tested, and G also between the T that were searched.
+2 ΔL of one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is present if the loss of
+every candidate without it is larger by at least half the limit below. In a model without a
+Gauss–Markov process, candidates with such a process are left out here, although it sometimes
+describes flicker or a random walk as well: B or K is significant only if the process describes the
+recording no better. B and K have the limit of `LEVEL` each; Q and G share it between the terms that
+are tested, and G also between the T that were searched.
 """
 
 from collections.abc import Iterable

@@ -296,7 +296,7 @@ def piece_spectra(y: Array, dt: float) -> tuple[Spectrum, ...]:
 
 
 def join_long(blocks: Spectrum, power: Array, segments: int, dt: float) -> tuple[Spectrum, ...]:
-    """Return block means for the low frequencies, and averaged segments from there on.
+    """Return the spectrum of block means for low frequencies, and of segments for the others.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ def _step_at_rest(rests: Sequence[Array]) -> float:
 
 
 def _has_few_levels(rests: Sequence[Array]) -> bool:
-    """Return whether most rests read few levels, and these repeatedly."""
+    """Return whether the readings of most rests take only a few levels, each many times."""
     looked_at = [_some(y) for y in rests]
     few = sum(np.unique(y).size <= min(_FEW, max(1, y.size // 2)) for y in looked_at)
     return 2 * few >= len(rests)

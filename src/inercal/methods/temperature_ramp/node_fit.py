@@ -5,8 +5,8 @@ derivatives of all rows are triangularised, the nodes first: what is below their
 of coefficients and lag alone, with the same χ² and the same covariance as the joint one (variable
 projection: Golub and Pereyra 1973, SIAM J. Numer. Anal. 10, 413–432; Kaufman 1975, BIT 15, 49–57).
 
-The lag is what the first few τ of the warm-up say, in which R leaves its equilibrium; later R is an
-exponential, and b(R) fits as well as b(T). Where χ² without lag is hardly larger, the nodes have
+Only the first few τ of a warm-up determine the lag, while R leaves its equilibrium. Later R is an
+exponential, and b(R) fits as well as b(T). If χ² without a lag is hardly larger, the nodes have
 followed the noise: then neither the lag nor its uncertainty means anything.
 """
 

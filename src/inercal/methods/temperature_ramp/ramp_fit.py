@@ -80,8 +80,8 @@ def _size(name: str, sensor: Sensor) -> float:
 def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussian]:
     """Return what is known of the constants and of the lag.
 
-    The attitude is unknown: a component of the earth's rate is 0 with Ω/√3, one of gravity with g,
-    and the bias of an accelerometer has a place in the constant alone.
+    The attitude is unknown: a component of the earth's rate is 0 ± Ω/√3 and one of gravity 0 ± g.
+    The bias of an accelerometer is part of the constant and of nothing else.
     """
     result: list[Gaussian] = []
     for axis in model.sensor.axes:

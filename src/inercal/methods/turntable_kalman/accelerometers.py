@@ -263,7 +263,7 @@ class AccelerometerFilter(Filter[VelocityState]):
 
     @property
     def _least_readback_noise(self) -> float:
-        """Least variance of the readback, rad²: where a direction has none the filter needs one."""
+        """Least variance of the readback, rad²; the filter needs noise in every direction."""
         if self.readback_sd is not None:
             return 0.0
         return (_LEAST_NOISE * self.bench.white or model.READBACK_NOISE_FLOOR) ** 2

@@ -239,7 +239,7 @@ def score_omissions(
 def _joint_sums(
     each: Sequence[tuple[Array, Array]], shared: Sequence[int], prior: Array
 ) -> tuple[Array, Array]:
-    """Return Gram matrix and products of the columns by the innovations of both filters.
+    """Return CᵀV⁻¹C and CᵀV⁻¹r of the columns C and the innovations r of both filters.
 
     An error of the table with the prior covariance P₀ that is a state of both is in the innovations
     of both, whose covariance is V = I + W M Wᵀ, with its columns W = diag(A₁, A₂) in each filter
