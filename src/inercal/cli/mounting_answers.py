@@ -157,7 +157,7 @@ class _Lines:
 
 
 def _parse(line: str) -> Answer | None:
-    """Return the confirmation that a line is, or None."""
+    """Return the confirmation that a line states; None if it states none."""
     word, *rest = line.split(maxsplit=2)[:3] if line.strip() else [""]
     if word != WORD or not rest:
         return None

@@ -21,7 +21,7 @@ _COLUMNS = (*_TRIADS, *NAMES)
 
 
 def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
-    """Return the values of stated keys, lists and numbers as TOML holds them.
+    """Return the values of stated keys; lists and numbers are those of TOML.
 
     >>> stated_values({"data.gyro": "a,b,c", "data.accelerometer": "[2, 3, 4]"})
     {'data.gyro': ['a', 'b', 'c'], 'data.accelerometer': [2, 3, 4]}

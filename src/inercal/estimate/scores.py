@@ -217,7 +217,8 @@ class ScoreTest:
     visible_share : float
         Largest share of the candidate's column that the fit leaves to the residuals.
     least_size : (k,) array, optional
-        The smallest sizes of the components that explain as much, SI: also of those left open.
+        The smallest sizes of the components that explain as much, SI; also of components that the
+        data leave open.
     """
 
     name: str

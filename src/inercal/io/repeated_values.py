@@ -113,10 +113,10 @@ def railed_ranges(x: Array, others: Sequence[Array]) -> Indices:
 def is_resting_value(x: Array, value: float, others: Sequence[Array]) -> bool:
     """Return whether a channel reads a value because it is at rest, not at the end of its range.
 
-    A coarse gyro that turns in one sense only, or not at all, reads its extreme in every rest. Rest
-    is where the other channels are still and this one hardly changes; the value is that of rest if
-    half of that time is spent within a few steps of it, and not little of all time that the others
-    are still.
+    A coarse gyro that turns in one sense only, or not at all, reads its extreme in every rest. The
+    sensor is at rest while the other channels are still and this one hardly changes. The value is
+    that of rest if the channel spends half of this time within a few steps of it, and also a fair
+    part of all the time during which the others are still.
 
     Parameters
     ----------

@@ -195,7 +195,7 @@ class _Problem:
 
 
 def _starts(shape: FilterShape) -> tuple[float, ...]:
-    """Return the f_c Δ to start from; one value, without a meaning, of an average."""
+    """Return the values of f_c Δ to start from; for an average, which has none, any one value."""
     if not shape.has_cutoff:
         return _STARTS[-1:]
     return (*_LOW_STARTS, *_STARTS) if shape is SHAPES[0] else _STARTS

@@ -47,10 +47,10 @@ class Finding:
 
 
 def merge_findings(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Return the findings with those merged that are of one event, in the order of the first.
+    """Return the findings, those of one event merged into one, in the order of the first.
 
-    Findings of one severity and kind are of one event if their messages are equal, or if they are
-    about the same samples of the same channel.
+    Findings of one severity and kind belong to one event if their messages are equal, or if they
+    concern the same samples of the same channel.
     """
     groups: list[list[Finding]] = []
     for one in findings:

@@ -5,9 +5,10 @@ The covariance is that of least determinant (Rousseeuw and Van Driessen 1999, Te
 concentration steps. Nothing is drawn at random: the steps begin at the half nearest the medians,
 and at the orthogonalised estimator of Gnanadesikan and Kettenring (Maronna and Zamar 2002,
 Technometrics 44, 307–317), pairwise covariances (σ²(x + y) − σ²(x − y))/4 made positive definite
-along their eigenvectors. The values within χ²₀.₉₇₅ of it give the final covariance. A tenth of the
-values may be wrong in one way. p-values are selected so that the expected share of false ones is
-below a bound (Benjamini and Hochberg 1995, Journal of the Royal Statistical Society B 57, 289–300).
+along their eigenvectors. The values within χ²₀.₉₇₅ of it give the final covariance. Up to a tenth
+of the values may have a common error. p-values are selected so that the expected share of false
+ones is below a bound (Benjamini and Hochberg 1995, Journal of the Royal Statistical Society B 57,
+289–300).
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false

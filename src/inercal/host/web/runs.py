@@ -63,7 +63,7 @@ class Runs:
         return {one.path.name: one for one in found}
 
     def active_folders(self) -> list[Path]:
-        """Return the folders of runs and of sessions by hand that go on, whoever started them.
+        """Return the folders of active runs and manual sessions, whoever started them.
 
         No journal is read: a stop must not depend on one.
         """
@@ -72,7 +72,7 @@ class Runs:
         return [folder for folder in folders if run_in_progress(folder)]
 
     def manual_sessions(self) -> list[Path]:
-        """Return the folders of sessions by hand that go on."""
+        """Return the folders of active manual sessions."""
         return [one for one in self.active_folders() if (one / MANUAL_JOURNAL).exists()]
 
     def enter(self, register: str | None) -> list[str]:
