@@ -281,7 +281,7 @@ def _falls(bins: Bins, rounding: float) -> bool:
 
 
 def _white(bins: Bins, octave: tuple[float, float]) -> float:
-    """Return N², SI², of a band alone, of these shares of the highest frequency."""
+    """Return N², SI², in a band that is stated in shares of the highest frequency."""
     share = bins.frequency / bins.frequency.max()
     chosen = (share > octave[0]) & (share <= octave[1])
     weight = bins.weight[chosen]

@@ -1,8 +1,9 @@
 """The steps to which the channels of a recording are rounded, and their noise in the rests.
 
-A channel whose rests span many levels needs no correction and is not looked at further. Else the
-step is that of the whole channel, movement included. A channel that stays at one value in rests,
-beside which a range is never read, has a dead band there: the true value may be anywhere in it.
+A channel whose rests span many levels needs no correction and is not examined further. For the
+others the step is that of the whole channel, movement included. If a channel stays at one value in
+rests and never reads the values next to it, it has a dead band there: the true value may be
+anywhere in this band.
 """
 
 from collections.abc import Sequence
@@ -127,8 +128,8 @@ def _some(y: Array) -> Array:
 def _is_without_noise(rests: Sequence[Array], levels: Array, moving: int) -> bool:
     """Return whether readings were simulated without noise, and are not rounded.
 
-    Each rest has one value, as of coarse steps, but rests differ and so do nearly all samples in
-    motion. A channel with a dead band reads one value in all rests that are within it.
+    As with coarse steps, each rest has one value; but the rests differ from each other, and so do
+    nearly all samples in motion. A channel with a dead band reads one value in all rests that are within it.
     """
     values = {float(y[0]) for y in rests if y.size and not np.ptp(y)}
     silent = all(not np.ptp(y) for y in rests)
