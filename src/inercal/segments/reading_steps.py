@@ -129,7 +129,8 @@ def _is_without_noise(rests: Sequence[Array], levels: Array, moving: int) -> boo
     """Return whether readings were simulated without noise, and are not rounded.
 
     As with coarse steps, each rest has one value; but the rests differ from each other, and so do
-    nearly all samples in motion. A channel with a dead band reads one value in all rests that are within it.
+    nearly all samples in motion. A channel with a dead band reads one value in all rests that are
+    within it.
     """
     values = {float(y[0]) for y in rests if y.size and not np.ptp(y)}
     silent = all(not np.ptp(y) for y in rests)
