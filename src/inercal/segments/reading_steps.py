@@ -24,6 +24,7 @@ _UNROUNDED = 0.5  # of the samples in motion, that differ where readings are not
 _OFTEN = 3  # samples at one value that are no single spike
 _WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
 _BESIDE = 6  # gaps that say how wide the others are
+_SMOOTH = 0.1  # second differences over the scatter; 2.4 of white noise
 _DIGITS = 12  # of a channel's largest reading; what is smaller is rounding of the computer
 
 
@@ -128,13 +129,14 @@ def _some(y: Array) -> Array:
 def _is_without_noise(rests: Sequence[Array], levels: Array, moving: int) -> bool:
     """Return whether readings were simulated without noise, and are not rounded.
 
-    As with coarse steps, each rest has one value; but the rests differ from each other, and so do
+    Each rest has one value, as of coarse steps, or changes smoothly; but rests differ and so do
     nearly all samples in motion. A channel with a dead band reads one value in all rests that are
     within it.
     """
     values = {float(y[0]) for y in rests if y.size and not np.ptp(y)}
-    silent = all(not np.ptp(y) for y in rests)
-    return silent and len(values) > 1 and levels.size > _UNROUNDED * moving
+    smooth = [float(np.std(np.diff(y, 2))) <= _SMOOTH * float(np.std(y)) for y in rests]
+    several = len(values) > 1 or any(np.ptp(y) for y in rests)
+    return all(smooth) and several and levels.size > _UNROUNDED * moving
 
 
 def _lonely_value(rests: Sequence[Array]) -> float | None:
