@@ -73,9 +73,10 @@ class WrongDigits:
 
 
 def open_wrong_table(
-    seed: int, opened: list[WrongDigits], address: str, bench: Turntable
+    seed: int, opened: list[WrongDigits], address: str, bench: Turntable, timeout: float
 ) -> WrongDigits:
-    opened.append(WrongDigits(open_table(address, bench), np.random.default_rng(seed)))
+    table = open_table(address, bench, timeout)
+    opened.append(WrongDigits(table, np.random.default_rng(seed)))
     return opened[-1]
 
 

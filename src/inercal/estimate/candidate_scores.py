@@ -7,6 +7,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.estimate.scores import Candidate, ExplainedResidual, ScoreTest, ScoreTestSet
+from inercal.estimate.singular_values import svd
 
 _ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
 _FEW_COLUMNS = 1000  # whose span is worked out
@@ -126,7 +127,7 @@ def _score_test(
     back : (q, p) array
         From what is absorbed to shifts.
     """
-    u, s, v = np.linalg.svd(left, full_matrices=False)
+    u, s, v = svd(left, full_matrices=False)
     least = _MIN_RESIDUAL_SHARE * np.max(length * unit, initial=0.0)
     shown = s > (least if one.largest is None else max(least, _VISIBLE))
     k = int(shown.sum())

@@ -16,6 +16,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import NotObserved
 from inercal.estimate.problem import Problem
+from inercal.estimate.singular_values import svd
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 
 # Relative to the largest singular value. Rounding leaves about 1e-14; a direction with so small a
@@ -88,21 +89,21 @@ def _observability(
     else:
         moves = system.basis / problem.scale[:, None]
         rows = np.concatenate([data, prior_rows @ system.basis])
-        left, size, right = np.linalg.svd(moves[wanted])
+        left, size, right = svd(moves[wanted])
         n = int(np.sum(size > _NOTHING))
         left, along, beside = left[:, :n], right[:n].T / size[:n], right[n:].T
 
     if len(rows) > rows.shape[1]:
         # The triangle R of rows = Q R has the same null space and singular values.
         rows = np.linalg.qr(rows, mode="r")
-    q, s, v = np.linalg.svd(rows @ beside)
+    q, s, v = svd(rows @ beside)
     # The rows of a wide prior are weak but real, so only rounding counts as nothing here.
     n = int(np.sum(s > 1e-14 * np.max(s, initial=0.0)))
     q, loose = q[:, :n], v[n:]
 
     direct = rows @ along
     reference = np.linalg.norm(direct)
-    _, s, v = np.linalg.svd(direct - q @ (q.T @ direct))
+    _, s, v = svd(direct - q @ (q.T @ direct))
     rank = int(np.sum(s > _NOTHING * reference))
     singular = np.concatenate([s, np.zeros(left.shape[1] - len(s))])
 
@@ -125,16 +126,16 @@ def _name_null_directions(problem: Problem, x: Array, null: Array) -> list[NullD
     wanted = [problem.names.index(name) for name in problem.wanted]
     for words, known in problem.known_nulls:
         vectors = np.atleast_2d(known(x) if callable(known) else known) / problem.scale
-        _, size, span = np.linalg.svd(vectors[:, wanted], full_matrices=False)
+        _, size, span = svd(vectors[:, wanted], full_matrices=False)
         span = span[size > _NOTHING * np.max(size, initial=0.0)]
         # Directions common to both spaces have a principal angle of zero (Björck and Golub 1973).
-        _, cosine, turn = np.linalg.svd(null @ span.T)
+        _, cosine, turn = svd(null @ span.T)
         common = turn[: len(cosine)][cosine > 1 - 1e-9] @ span
         if len(common):
             found = [_direction(problem.wanted, w) for w in row_echelon_form(common)]
             directions += [NullDirection(d.weights, f"{words}: {d.words}") for d in found]
             # Keep the part of the null space that is orthogonal to what has been named.
-            null = np.linalg.svd(null - (null @ common.T) @ common, full_matrices=False)[2]
+            null = svd(null - (null @ common.T) @ common, full_matrices=False)[2]
             null = null[: len(null) - len(common)]
     return directions + [_direction(problem.wanted, w) for w in row_echelon_form(null)]
 

@@ -13,6 +13,7 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.estimate.priors_and_gauges import cholesky
 from inercal.estimate.problem import Problem
+from inercal.estimate.singular_values import svd
 
 
 class LinearisationPoint(NamedTuple):
@@ -191,7 +192,7 @@ def gauge_basis(problem: Problem) -> tuple[Array | None, Array]:
     size = np.linalg.norm(scaled, axis=1)
     if not np.all(size > 0):
         raise InputError("a row of a gauge's matrix is zero; remove the row", key="gauge")
-    left, singular, right = np.linalg.svd(scaled / size[:, None])
+    left, singular, right = svd(scaled / size[:, None])
     q = len(value)
     if q > len(problem.names) or singular[q - 1] < 1e-10:
         words = tuple(gauge.words for gauge in problem.gauges)

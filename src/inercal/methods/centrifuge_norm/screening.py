@@ -159,10 +159,13 @@ def screen_rows(
         one = _with_independent_rows(
             norm_problem(variants, sensor, bench, [steps[k]] * len(rows), priors)
         )
-        residual, jacobian = one.linearise(fit.value)
+        # Errors of the bench at other rows do not act on this one.
+        acting = [fit.names.index(name) for name in one.names]
+        value, covariance = fit.value[acting], fit.covariance[np.ix_(acting, acting)]
+        residual, jacobian = one.linearise(value)
         assert callable(one.noise)
-        own = noise * one.noise(fit.value)
-        spread = np.einsum("vi,ij,vj->v", jacobian, noise**2 * fit.covariance, jacobian)
+        own = noise * one.noise(value)
+        spread = np.einsum("vi,ij,vj->v", jacobian, noise**2 * covariance, jacobian)
         return np.abs(residual) / np.sqrt(own**2 + spread)
 
     suspects: list[SuspectRow] = []

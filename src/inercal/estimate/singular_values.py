@@ -1,0 +1,24 @@
+"""Singular values of matrices of which the usual algorithm finds none."""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from typing import cast
+
+import numpy as np
+
+from inercal.arrays import Array
+
+
+def svd(matrix: Array, *, full_matrices: bool = True) -> tuple[Array, Array, Array]:
+    """Return U, s and Vᵀ of a finite matrix, (m, n).
+
+    LAPACK's divide and conquer (gesdd) fails on rare matrices that hold very small numbers; its
+    older algorithm (gesvd) is slower and does not.
+    """
+    try:
+        return np.linalg.svd(matrix, full_matrices=full_matrices)
+    except np.linalg.LinAlgError:
+        import scipy.linalg
+
+        found = scipy.linalg.svd(matrix, full_matrices=full_matrices, lapack_driver="gesvd")
+        return cast("tuple[Array, Array, Array]", found)
