@@ -20,3 +20,10 @@ def test_matrices_on_which_divide_and_conquer_fails_have_singular_values(
         assert s == pytest.approx(sizes)
         assert u.shape == (7, 7 if full else 4)
         np.testing.assert_allclose(u[:, :4] * s @ vt, matrix, atol=1e-12)
+
+
+def test_one_column_has_its_length():
+    u, s, vt = svd(np.array([[3.0], [0.0], [4.0]]), full_matrices=False)
+    assert (u * s @ vt).tolist() == [[3.0], [0.0], [4.0]]
+    assert s.tolist() == [5.0]
+    assert svd(np.zeros((3, 1)), full_matrices=False)[1].tolist() == [0.0]

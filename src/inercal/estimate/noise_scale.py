@@ -83,7 +83,9 @@ class NoiseScale(NamedTuple):
     p_value: float
 
 
-def noise_scale(rows: WhitenedRows, chosen: NDArray[np.bool_]) -> NoiseScale | None:
+def noise_scale(
+    rows: WhitenedRows, chosen: NDArray[np.bool_], level: float = 1.0
+) -> NoiseScale | None:
     """Return how the noise of some observations was stated.
 
     Parameters
@@ -91,11 +93,14 @@ def noise_scale(rows: WhitenedRows, chosen: NDArray[np.bool_]) -> NoiseScale | N
     rows : WhitenedRows
     chosen : (m,) array of bool
         The observations whose noise is judged together.
+    level : float, optional
+        Probability of smaller residuals, above which nothing is looked for.
 
     Returns
     -------
     NoiseScale or None
-        None if the residuals of these observations do not depend on their noise.
+        None if the residuals of these observations do not depend on their noise, or are as large as
+        chance makes them at this level.
     """
     size = np.linalg.norm(np.concatenate([rows.jacobian, rows.prior_jacobian]), axis=0)
     size = np.where(size > 0, size, 1.0)
@@ -119,6 +124,8 @@ def noise_scale(rows: WhitenedRows, chosen: NDArray[np.bool_]) -> NoiseScale | N
         return None
     dof = trace**2 / second
     p_value = float(scipy.special.chdtr(dof, square * trace / second))
+    if p_value > level:
+        return None
 
     def beyond(log: float) -> float:
         found, expected, _ = state(float(np.exp(log)))

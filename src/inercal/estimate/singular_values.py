@@ -1,6 +1,6 @@
 """Singular values of matrices of which the usual algorithm finds none."""
 # SciPy has no stubs.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 
 from typing import cast
 
@@ -15,6 +15,9 @@ def svd(matrix: Array, *, full_matrices: bool = True) -> tuple[Array, Array, Arr
     LAPACK's divide and conquer (gesdd) fails on rare matrices that hold very small numbers; its
     older algorithm (gesvd) is slower and does not.
     """
+    if matrix.shape[1] == 1 and not full_matrices:
+        length = np.linalg.norm(matrix, axis=0)
+        return matrix / np.where(length > 0, length, 1.0), length, np.ones((1, 1))
     try:
         return np.linalg.svd(matrix, full_matrices=full_matrices)
     except np.linalg.LinAlgError:

@@ -23,7 +23,6 @@ from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.benches.hand.bench import visit_number
 from inercal.calibration.detectability import CRITICAL_SHIFT, DETECTABLE_NORM
-from inercal.keys import ObservationName
 from inercal.methods._base import Fit, Remarks
 from inercal.plan import Hold, Turn
 from inercal.recording import Finding
@@ -57,21 +56,17 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
     rows, estimate, sensor = fit.estimate.rows(), fit.estimate, fit.sensor
     if rows is None or len(estimate.observations or rows.residual) != len(rows.residual):
         return Remarks()
+    channels, r = sensor.channels, len(fit.steps)
+    if r * len(channels) != len(rows.residual):
+        return Remarks()
     order = np.argsort(fit.observations.time, kind="stable").tolist()
     patterns = list(_patterns(fit, order))
-    names = [f"{axis}[{label}]" for label in fit.observations.labels for axis in sensor.channels]
-    of_row = np.repeat(np.arange(len(fit.observations.labels)), len(sensor.channels))
-    change = np.array(
-        [
-            [
-                one.by_row[row] if ObservationName(name).channel == one.axis else 0.0
-                for name, row in zip(names, of_row.tolist(), strict=True)
-            ]
-            for one in patterns
-        ]
-    ).reshape(len(patterns), len(names)).T  # fmt: skip
-    if len(names) != len(rows.residual) or not patterns:
+    if not patterns:
         return Remarks()
+    change = np.zeros((r, len(channels), len(patterns)))
+    for k, one in enumerate(patterns):
+        change[:, channels.index(one.axis), k] = one.by_row
+    change = change.reshape(r * len(channels), len(patterns))
     shift, visibility = rows.effects(change)
     u = estimate.std[: len(sensor.coefficients)]
     moved = np.max(np.abs(shift[: u.size]) / np.where(u > 0, u, np.inf)[:, None], axis=0)

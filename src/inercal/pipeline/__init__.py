@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from inercal.calibration.verdict import verdict
 from inercal.data import EstimatorInput
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.estimate import Estimate
-from inercal.methods import Fit
+from inercal.methods import Fit, Remarks
 from inercal.methods.temperature import temperature_coefficients
+from inercal.parameters import Parameter
 from inercal.pipeline.advisor import RunAdvisor
 from inercal.pipeline.calibration_record import (
     bench_estimates,
@@ -41,6 +42,7 @@ from inercal.pipeline.stated_values import (
     require_small_assumed_share,
 )
 from inercal.pipeline.temperature_fit import (
+    TemperatureFit,
     fit_over_temperatures,
     with_common_errors,
 )
@@ -135,14 +137,22 @@ def calibrate(
     raise TypeError(f"data are a {type(data).__name__}: state method, sensor and bench too")
 
 
-def _calibrate(
-    run: Run, progress: "Callable[[Generation], None] | None", *, advises: bool = True
-) -> Outcome:
-    """Calibrate from a run that was read and checked.
+class _FittedRun(NamedTuple):
+    """A run, the orders of its temperatures chosen, what was read, and the estimate."""
 
-    Advice is tried by calibrations that give no advice themselves.
-    """
-    stated = run
+    run: Run
+    inputs: EstimatorInput
+    thermal: TemperatureFit | None
+    bench: Bench
+    expected: Mapping[str, Parameter]
+    estimate: Estimate
+    findings: tuple[Finding, ...]
+    remarks: Remarks
+    generations: "tuple[Generation, ...]"
+
+
+def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _FittedRun:
+    """Estimate from a run that was read and checked."""
     inputs = run.kind.observe(run)
     try:
         run, inputs, thermal = fit_over_temperatures(run, inputs)
@@ -216,12 +226,6 @@ def _calibrate(
         require_small_assumed_share(assumed, estimate, p, bench, solve)
     except InputError as error:
         raise error.located(run.path) from None
-    conditions = {**run_conditions(run, inputs), **remarks.conditions}
-    if run.bench_name:
-        conditions["bench"] = run.bench_name
-    conditions |= qualification_conditions(run)
-    if run.check_standard:
-        conditions[CHECK_STANDARD] = run.check_standard
     weighs_gravity = bool(sensor.select_axes("f").coefficients)
     estimate = replace(
         estimate,
@@ -239,18 +243,32 @@ def _calibrate(
         # Filters weigh samples by the stated noise.
         noise_dof=observations.dof if observations.track is None else inf,
     )
+    return _FittedRun(
+        run, inputs, thermal, bench, expected, estimate, findings, remarks, tuple(generations)
+    )
+
+
+def _calibrate(stated: Run, progress: "Callable[[Generation], None] | None") -> Outcome:
+    """Calibrate from a run that was read and checked; what is advised was tried."""
+    fitted = _fitted(stated, progress)
+    run, inputs, thermal, bench, expected, estimate, findings, remarks, generations = fitted
+    sensor, observations, p = run.sensor, inputs.observations, len(run.sensor.coefficients)
+    conditions = {**run_conditions(run, inputs), **remarks.conditions}
+    if run.bench_name:
+        conditions["bench"] = run.bench_name
+    conditions |= qualification_conditions(run)
+    if run.check_standard:
+        conditions[CHECK_STANDARD] = run.check_standard
     row_word = "rest" if run.method.unknown_attitudes else run.kind.words.row
     possible = run.method.possible(sensor)
-    advisor = None
-    if advises:
-        advisor = RunAdvisor(
-            stated,
-            estimate,
-            expected,
-            possible,
-            row_word,
-            lambda other: _calibrate(other, None, advises=False).estimate,
-        )
+    advisor = RunAdvisor(
+        stated,
+        estimate,
+        expected,
+        possible,
+        row_word,
+        lambda other: _fitted(other, None).estimate,
+    )
     judged = verdict(estimate, sensor, findings, expected, possible, row_word, advisor)
     if observations.rounding is not None:
         judged = replace(judged, rounding=observations.rounding.channels)

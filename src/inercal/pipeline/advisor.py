@@ -113,7 +113,7 @@ class RunAdvisor:
     def _is_accepted(self, names: tuple[str, ...]) -> bool:
         changes = self._completed((also(names),))
         if self._run.data.kind == "means":
-            return self._chi2_after(changes) is not None
+            return self._estimate_after(changes) is not None
         try:
             self._changed_run(changes)
         except InercalError:
@@ -121,17 +121,21 @@ class RunAdvisor:
         return True
 
     def _chi2_after(self, changes: tuple[Change, ...]) -> float | None:
-        """Return χ² of the run with changes; None where it is refused.
+        """Return χ² of the run with changes; None where it is refused."""
+        estimate = self._estimate_after(changes)
+        return None if estimate is None else estimate.score_tests.chi2
+
+    def _estimate_after(self, changes: tuple[Change, ...]) -> Estimate | None:
+        """Return the estimate of the run with changes; None where it is refused.
 
         A search of minutes is not repeated.
         """
         if self._run.search is not None:
             return None
         try:
-            estimate = self._calibrated(self._changed_run(changes))
+            return self._calibrated(self._changed_run(changes))
         except InercalError:
             return None
-        return estimate.score_tests.chi2
 
     def _changed_run(self, changes: tuple[Change, ...]) -> Run:
         run = self._run

@@ -194,8 +194,8 @@ def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
     for kind, (section, _, _) in _NOISE_UNITS.items():
         if not np.any(kinds == kind):
             continue
-        found = noise_scale(rows, kinds == kind)
-        if found is not None and found.ratio >= _LEAST_RATIO and found.p_value < _LEVEL:
+        found = noise_scale(rows, kinds == kind, _LEVEL)
+        if found is not None and found.ratio >= _LEAST_RATIO:
             yield _means_finding(section, found.ratio)
 
 

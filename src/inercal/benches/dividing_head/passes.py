@@ -1,6 +1,7 @@
 """Passes of a dividing head: once through its positions, in any order."""
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from math import pi
 
 import numpy as np
@@ -24,11 +25,16 @@ def matches_any_angle(angle: float, others: Iterable[float]) -> bool:
 
 def first_visit_rows(steps: Sequence[Index]) -> list[int]:
     """Return for each step the row of the first visit of its position."""
+    return list(_first_visits(tuple(step.angle for step in steps)))
+
+
+@lru_cache(maxsize=32)
+def _first_visits(angles: tuple[float, ...]) -> tuple[int, ...]:
     first: list[int] = []
-    for k, step in enumerate(steps):
-        same = (j for j in dict.fromkeys(first) if matches_any_angle(step.angle, [steps[j].angle]))
+    for k, angle in enumerate(angles):
+        same = (j for j in dict.fromkeys(first) if matches_any_angle(angle, [angles[j]]))
         first.append(next(same, k))
-    return first
+    return tuple(first)
 
 
 def pass_numbers(steps: Sequence[Index]) -> list[int]:

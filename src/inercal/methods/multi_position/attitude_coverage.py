@@ -11,6 +11,7 @@ the information matrix (D-optimal; Fedorov 1972, Theory of Optimal Experiments, 
 """
 
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from typing import NamedTuple
 
@@ -145,6 +146,7 @@ def _largest_deviation(information: Array) -> float:
     return least**-0.5 if least > 0 else np.inf
 
 
+@cache
 def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...]:
     """Return a good sequence of attitudes for an IMU held by hand, +z up first.
 
