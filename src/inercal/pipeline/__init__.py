@@ -5,7 +5,6 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import inf
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any
 
@@ -236,8 +235,9 @@ def _calibrate(
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
-        # Filters weigh samples by the stated noise.
-        noise_dof=observations.dof if observations.track is None else inf,
+        # Estimators of a track weigh samples by the stated noise, or state these themselves.
+        noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
+        noise_channels=len(sensor.axes),
     )
     row_word = "rest" if run.method.unknown_attitudes else run.kind.words.row
     possible = run.method.possible(sensor)
