@@ -9,7 +9,7 @@ from scipy.stats import f, kstest, norm
 
 from inercal.estimate import Candidate, Gaussian, Problem, least_squares, score_tests
 from inercal.estimate.candidate_scores import rows_from_products
-from inercal.estimate.scores import chi2_tail_probability
+from inercal.estimate.scores import chi2_tail_probabilities, chi2_tail_probability
 
 Array = NDArray[np.float64]
 
@@ -162,6 +162,16 @@ def test_a_score_by_noise_that_was_found_is_f(seed: int) -> None:
     p = [chi2_tail_probability(x, 3, nu) for x in chi2.tolist()]
     assert kstest(p, "uniform").pvalue > 1e-3
     assert chi2_tail_probability(11.3, 3, nu) == pytest.approx(f.sf(11.3 / 3, 3, nu))
+
+
+def test_chi2_by_noise_that_was_found_of_each_channel_is_f_of_all(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    many, nu, channels, dof = 20_000, 60, 6, 54
+    variance = rng.chisquare(nu, (channels, many)) / nu
+    chi2 = (rng.chisquare(dof / channels, (channels, many)) / variance).sum(axis=0)
+    assert kstest(chi2_tail_probabilities(chi2, dof, nu, channels), "uniform").pvalue > 1e-3
+    for wrong in ((np.inf, channels), (nu, 1)):
+        assert kstest(chi2_tail_probabilities(chi2, dof, *wrong), "uniform").pvalue < 1e-9
 
 
 def test_noise_that_was_found_lets_fewer_candidates_reject(rng: np.random.Generator) -> None:

@@ -190,12 +190,13 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
     possible : collection of str, optional
         Full names of the coefficients that the method can estimate.
     """
+    nu, channels = estimate.noise_dof, 1
     named = [(f"residuals: {group.name}", group.chi2, group.dof) for group in estimate.groups]
     if not named and estimate.dof:
         named = [("residuals", float(estimate.chi2), estimate.dof)]
-    nu = estimate.noise_dof
+        channels = estimate.noise_channels
     real = [
-        (name, chi2, dof, chi2_tail_probability(chi2, dof, nu))
+        (name, chi2, dof, chi2_tail_probability(chi2, dof, nu, channels))
         for name, chi2, dof in named
         if dof > 0
     ]

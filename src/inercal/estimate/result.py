@@ -22,7 +22,12 @@ from inercal.estimate.lazy_value import LazyValue
 from inercal.estimate.noise_scale import WhitenedRows
 from inercal.estimate.nullspace import NullDirection
 from inercal.estimate.residual_scatter import ScatterModel
-from inercal.estimate.scores import NO_SCORE_TESTS, ModelTest, ScoreTestSet
+from inercal.estimate.scores import (
+    NO_SCORE_TESTS,
+    ModelTest,
+    ScoreTestSet,
+    chi2_tail_probabilities,
+)
 
 _LEVEL = 0.95
 NO_ROWS: LazyValue[None] = LazyValue(lambda: None)
@@ -123,6 +128,8 @@ class Estimate:
         no parameters: known and eliminated ones, or those that parts of an estimator share.
     noise_dof : float
         Degrees of freedom behind the noise of one channel; not finite where it is stated.
+    noise_channels : int
+        Number of channels whose noise was found separately.
     joint_priors : frozenset of str
         Quantities known beforehand whose correlations the estimator has counted.
     rows : LazyValue of WhitenedRows or None
@@ -151,6 +158,7 @@ class Estimate:
     scoring: LazyValue[ScoreTestSet] = NO_SCORE_TESTS
     sensitivities: Mapping[str, Array] = field(default_factory=dict[str, Array])
     noise_dof: float = np.inf
+    noise_channels: int = 1
     joint_priors: frozenset[str] = frozenset()
     rows: LazyValue[WhitenedRows] | LazyValue[None] = NO_ROWS
 
@@ -186,9 +194,7 @@ class Estimate:
     @property
     def p_value(self) -> Array:
         """Probability of a χ² at least as large if noise and model are as stated; 1 without dof."""
-        return (
-            scipy.special.chdtrc(self.dof, self.chi2) if self.dof else np.ones(np.shape(self.chi2))
-        )
+        return chi2_tail_probabilities(self.chi2, self.dof, self.noise_dof, self.noise_channels)
 
     @property
     def consistent(self) -> NDArray[np.bool_]:

@@ -51,24 +51,35 @@ _HARDLY_VISIBLE = 1e-3  # of the effect of a candidate
 _LINEARISATION = 0.05  # relative error of what a score test explains: its size is of first order
 
 
-def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> float:
+def chi2_tail_probabilities(
+    chi2: Array, dof: int, noise_dof: float = np.inf, channels: int = 1
+) -> Array:
     """Return the probability of a χ² at least as large if the model holds; 1 without dof.
 
     Parameters
     ----------
-    chi2, dof : float and int
+    chi2 : (...) array
+    dof : int
     noise_dof : float
-        Degrees of freedom behind the noise by which χ² was formed: F where they are finite. Of
-        channels tested separately those of one channel: the distribution is then a little too wide.
+        Degrees of freedom ν behind the noise by which χ² was formed, of one channel.
+    channels : int
+        Number of channels m whose noise was found separately. χ² is then a sum of m parts, whose
+        mean is that of F with ν, and whose scatter is that of F with m ν.
     """
     if dof <= 0:
-        return 1.0
-    known = np.isinf(noise_dof)
-    return float(
-        scipy.special.chdtrc(dof, chi2)
-        if known
-        else scipy.special.fdtrc(dof, noise_dof, chi2 / dof)
-    )
+        return np.ones(np.shape(chi2))
+    if np.isinf(noise_dof):
+        return np.asarray(scipy.special.chdtrc(dof, chi2))
+    pooled = channels * noise_dof
+    mean = (pooled / (pooled - 2)) * ((noise_dof - 2) / noise_dof) if noise_dof > 2 else 1.0
+    return np.asarray(scipy.special.fdtrc(dof, pooled, mean * chi2 / dof))
+
+
+def chi2_tail_probability(
+    chi2: float, dof: int, noise_dof: float = np.inf, channels: int = 1
+) -> float:
+    """Return `chi2_tail_probabilities` of one χ²."""
+    return float(chi2_tail_probabilities(np.array(chi2), dof, noise_dof, channels))
 
 
 def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: float) -> float:

@@ -5,7 +5,6 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import inf
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -240,8 +239,9 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _Fitte
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
-        # Filters weigh samples by the stated noise.
-        noise_dof=observations.dof if observations.track is None else inf,
+        # Estimators of a track weigh samples by the stated noise, or state these themselves.
+        noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
+        noise_channels=len(sensor.axes),
     )
     return _FittedRun(
         run, inputs, thermal, bench, expected, estimate, findings, remarks, tuple(generations)

@@ -83,7 +83,7 @@ def least_squares(
         observations = _add_readback_noise(observations, sensor, bench, steps)
     estimate = solve(problem(_with_stated_drift(observations, sensor), sensor, bench, ways, priors))
     require_observed(estimate, sensor, missing=())
-    return estimate
+    return replace(estimate, noise_dof=observations.dof)  # of means, although there is a track
 
 
 def problem(
