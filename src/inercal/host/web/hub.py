@@ -36,7 +36,7 @@ from inercal.host.web.run_request import (
     read_process_record,
 )
 from inercal.host.web.runs import Runs, StoredRun
-from inercal.host.web.viewers import OPERATOR_GRACE, Viewer, Viewers
+from inercal.host.web.viewers import OPERATOR_GRACE, Client, Viewer, Viewers
 
 _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s that a process may take to end that has told its end
@@ -100,9 +100,16 @@ class Hub:
         """Whether a run goes on; one that has told its end does not, though its process may."""
         return self.run_process is not None and not self._end_published
 
-    def add_viewer(self, version: str, browser: str | None, tab: str | None = None) -> Viewer:
-        """Take a viewer in, and tell how the run stands, then what was before."""
-        viewer = self.people.add_viewer(browser, tab)
+    def add_viewer(
+        self, version: str, browser: str, tab: str | None, client: Client
+    ) -> Viewer | None:
+        """Take a viewer in, and tell how the run stands, then what was before.
+
+        None where there is no place.
+        """
+        if not self.people.make_place(client):
+            return None
+        viewer = self.people.add_viewer(browser, tab, client)
         viewer.send("hello", _message_text("hello", version=version))
         self._broadcast_viewers()
         if self._history is None:
