@@ -136,9 +136,8 @@ class _Lines:
             while not self._at_end and select([self._descriptor], [], [], 0)[0]:
                 self._read()
             dropped, self._buffer = self._buffer, b""
-        if dropped.strip():
-            say(f"{len(dropped.splitlines())} lines came before the mounting was requested and "
-                "were dropped")  # fmt: skip
+        if count := len(dropped.splitlines()):
+            say(f"lines that came before the mounting was requested were dropped: {count}")
 
     def answer(self, request: "MountingRequest", waits: Callable[[], bool]) -> Answer | None:
         """Return the confirmation of the requested mounting.

@@ -37,7 +37,10 @@ class TypedConfirmation:
         operator : str
             Who confirms where the line names nobody.
         """
-        if len(self.text) < len(_BEGINNING) and not _BEGINNING.startswith(self.text + character):
+        begun = self.text + character
+        if character not in _ENTER + _ERASE and not (
+            begun.startswith(_BEGINNING) or _BEGINNING.startswith(begun)
+        ):
             self.text = ""  # no such line: its characters, as of a key hit twice, keep no key back
         if not self.text:
             if character != _BEGINNING[0]:
