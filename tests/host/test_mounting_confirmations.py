@@ -172,7 +172,7 @@ def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return what is said of lines."""
     words: list[str] = []
     for module in (mounting_answers, typed_confirmation):
-        monkeypatch.setattr(module, "say", words.append)
+        monkeypatch.setattr(module, "report_line", words.append)
     return words
 
 

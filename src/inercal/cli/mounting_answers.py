@@ -95,7 +95,7 @@ def _answer(run: "BenchRun", operator: str, source: "_Lines | _AnswerFile", ende
             while waits():
                 ended.wait(_POLL_INTERVAL)
         elif waits():
-            say(f"{source.gone}, and nobody confirms the mounting: the run stops")
+            report_line(f"{source.gone}, and nobody confirms the mounting: the run stops")
             run.request("stop")
             return
 
@@ -137,7 +137,7 @@ class _Lines:
                 self._read()
             dropped, self._buffer = self._buffer, b""
         if count := len(dropped.splitlines()):
-            say(f"lines that came before the mounting was requested were dropped: {count}")
+            report_line(f"lines that came before the mounting was requested were dropped: {count}")
 
     def answer(self, request: "MountingRequest", waits: Callable[[], bool]) -> Answer | None:
         """Return the confirmation of the requested mounting.
@@ -158,7 +158,7 @@ class _Lines:
             answer = parse_answer(line)
             if answer is not None and answer.mounting == request.mounting:
                 return answer
-            say(mismatch_text(line, request))
+            report_line(mismatch_text(line, request))
         return None
 
     def _read(self) -> None:
@@ -183,6 +183,6 @@ def mismatch_text(line: str, request: "MountingRequest") -> str:
     )
 
 
-def say(words: str) -> None:
-    """Say something to who operates the run."""
+def report_line(words: str) -> None:
+    """Print a line for the operator of the run."""
     print(f"inercal: {words}", file=sys.stderr, flush=True)

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from inercal.cli.mounting_answers import WORD, mismatch_text, parse_answer, say
+from inercal.cli.mounting_answers import WORD, mismatch_text, parse_answer, report_line
 
 if TYPE_CHECKING:
     from inercal.host.bench_run import BenchRun
@@ -60,10 +60,12 @@ class TypedConfirmation:
     def _confirm(self, line: str, run: "BenchRun", operator: str) -> None:
         request = self._request
         if request is None or run.mounting_request != request:
-            say(f"{line!r} was begun before the mounting was requested, and confirms nothing")
+            report_line(
+                f"{line!r} was begun before the mounting was requested, and confirms nothing"
+            )
             return
         answer = parse_answer(line)
         if answer is None or answer.mounting != request.mounting:
-            say(mismatch_text(line, request))
+            report_line(mismatch_text(line, request))
             return
         run.confirm_mounting(request.number, answer.mounting, answer.operator or operator)
