@@ -41,7 +41,7 @@ def test_only_who_operates_confirms_a_mounting(page: Page, scripted: ScriptedSer
     take_control(page, scripted)
     expect(confirm).to_have_attribute("aria-disabled", "false")
     confirm.press("Enter")
-    assert scripted.order("mounted") == {"do": "mounted", "number": 3}
+    assert scripted.order("mounted") == {"do": "mounted", "number": 3, "mounting": "YX30"}
     assert sum(one.get("do") == "mounted" for one in scripted.heard) == 1
     scripted.tell(ship_state(11.0, phase="approach"))
     expect(confirm).to_be_hidden()

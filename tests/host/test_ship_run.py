@@ -59,7 +59,7 @@ class Operated(BenchRun):
             assert abs(self.bench.device.controller.table.state.rate[0]) < 0.01
             self.asked.append(request.mounting)
             self.bench.device.mount(request.mounting)
-            self.confirm_mounting(request.number, "Anna")
+            self.confirm_mounting(request.number, request.mounting, "Anna")
         super()._tick()
 
 
@@ -170,7 +170,7 @@ def test_a_confirmation_from_before_the_request_has_no_table_turn(
 
     def confirm_early(driven: Operated) -> None:
         if driven.mounting_request is None:
-            driven.confirm_mounting(driven.sequencer.number, "Eve")
+            driven.confirm_mounting(driven.sequencer.number, "XY", "Eve")
             return
         rates.append(float(bench.device.controller.table.state.rate[0]))
         driven.bench.device.mounting = "XY"  # the operator of `Operated` has nothing to do
@@ -207,7 +207,8 @@ def test_a_confirmation_of_another_step_has_no_table_turn(
         if request is not None and request.mounting == "XY":
             rates.append(float(bench.device.controller.table.state.rate[0]))
             driven.bench.device.mounting = "XY"  # the operator of `Operated` has nothing to do
-            driven.confirm_mounting(request.number + 1, "Ben")
+            driven.confirm_mounting(request.number + 1, "XY", "Ben")
+            driven.confirm_mounting(request.number, "YX", "Ben")
             if len(rates) > 100:
                 raise Killed
 

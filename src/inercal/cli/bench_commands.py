@@ -196,6 +196,7 @@ def _carry_out_plan(
     from functools import partial
 
     from inercal.cli.bench_view import listen_to_keys, run_display
+    from inercal.cli.typed_confirmation import TypedConfirmation
     from inercal.host.addresses import layout_of_address
     from inercal.host.precompilation import precompile_run
     from inercal.host.run_execution import RunInterrupted, execute_run
@@ -203,13 +204,16 @@ def _carry_out_plan(
     with progress_status("compiling, once on each machine"):
         precompile_run(folder.run, layout_of_address(journal.header().imu))
     try:
-        with run_display() as show:
+        typed = TypedConfirmation()
+        with run_display(typed=typed) as show:
             run = execute_run(
                 folder,
                 journal,
                 options,
                 show,
-                run_context=partial(listen_to_keys, operator=operator, answers=answers),
+                run_context=partial(
+                    listen_to_keys, operator=operator, answers=answers, typed=typed
+                ),
                 background_work=register_sync.background_work,
             )
     except RunInterrupted as error:

@@ -8,8 +8,9 @@ from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inercal.cli.mounting_answers import answer_mountings, operator_name
+from inercal.cli.mounting_answers import WORD, answer_mountings, operator_name
 from inercal.cli.tables import make_table, number_column
+from inercal.cli.typed_confirmation import TypedConfirmation
 from inercal.keys import CoefficientName
 
 if TYPE_CHECKING:
@@ -23,10 +24,12 @@ KEY_HELP, STOP_HELP = "p pause · g go on · Ctrl-C stop", "Ctrl-C stop"
 
 
 @contextmanager
-def run_display(keys: str = KEY_HELP) -> Generator[Callable[["BenchRun"], None]]:
+def run_display(
+    keys: str = KEY_HELP, typed: TypedConfirmation | None = None
+) -> Generator[Callable[["BenchRun"], None]]:
     """Yield a function that shows a run on standard error: a panel on a terminal, else event lines.
 
-    `keys` is the line of the panel about the keys.
+    `keys` is the line of the panel about the keys, `typed` what is being typed.
     """
     from rich.live import Live
 
@@ -50,12 +53,12 @@ def run_display(keys: str = KEY_HELP) -> Generator[Callable[["BenchRun"], None]]
     with Live(console=console, auto_refresh=False, transient=True) as live:
 
         def draw(run: "BenchRun") -> None:
-            live.update(Visible(run_panel(run, keys)), refresh=True)
+            live.update(Visible(run_panel(run, keys, typed.text if typed else "")), refresh=True)
 
         yield draw
 
 
-def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
+def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> "RenderableType":
     """Return the panel of a run: progress, axes, IMU, estimate, messages and keys."""
     from rich.console import Group
     from rich.panel import Panel
@@ -78,7 +81,7 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
         messages.append(f"{words}\n", style=_COLOURS[level])
     parts = [
         head,
-        *_mounting_line(run),
+        *_mounting_line(run, typed),
         axes,
         Text(_imu_line(run)),
         *_live_estimate(run),
@@ -88,12 +91,13 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
     return Panel(Group(*parts), title=run.name)
 
 
-def _mounting_line(run: "BenchRun") -> "list[RenderableType]":
+def _mounting_line(run: "BenchRun", typed: str) -> "list[RenderableType]":
     from rich.text import Text
 
     if (request := run.mounting_request) is None:
         return []
-    return [Text(f"{request.instruction}; then press m", style="bold yellow")]
+    words = f"{request.instruction}; then type {WORD} {request.mounting} and Enter"
+    return [Text(words, style="bold yellow"), Text(f"> {typed}_")]
 
 
 def _progress_line(run: "BenchRun") -> str:
@@ -169,12 +173,15 @@ def _coefficient_cell(
 
 @contextmanager
 def listen_to_keys(
-    run: "BenchRun", operator: str = "", answers: Path | None = None
+    run: "BenchRun",
+    operator: str = "",
+    answers: Path | None = None,
+    typed: TypedConfirmation | None = None,
 ) -> Generator[None]:
     """Hear who operates a run: by keys of a terminal, else mountings by lines.
 
-    The key p pauses the run, g continues it, and m confirms the requested mounting, unless a file
-    of answers does.
+    The key p pauses the run and g continues it; a line confirms the requested mounting, unless a
+    file of answers does.
     """
     operator = operator_name(operator)
     if not sys.stdin.isatty():
@@ -182,33 +189,46 @@ def listen_to_keys(
             yield
         return
     if answers is not None:
-        with answer_mountings(run, operator, answers), listen_to_keys(run, operator):
+        with answer_mountings(run, operator, answers), listen_to_keys(run, operator, typed=typed):
             yield
         return
     import termios
     import tty
+    from codecs import getincrementaldecoder
     from select import select
-    from threading import Thread
+    from threading import Lock, Thread
 
-    ended = False
-    terminal = sys.stdin.fileno()
+    ended, line = False, typed or TypedConfirmation()
+    terminal, decoder = sys.stdin.fileno(), getincrementaldecoder("utf-8")("replace")
+    lock = Lock()
+
+    def take_waiting() -> bool:
+        """Take what was typed so far; False at the end of the terminal."""
+        with lock:
+            while select([terminal], [], [], 0)[0]:
+                # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
+                try:
+                    data = os.read(terminal, 64)
+                except OSError:  # the terminal is gone
+                    data = b""
+                if not data:
+                    return False
+                for key in decoder.decode(data):
+                    if run.has_mountings and line.take(key, run, operator):
+                        continue
+                    if key == "p":
+                        run.request("pause")
+                    elif key == "g":
+                        run.request("go on")
+        return True
 
     def listen() -> None:
         while not ended:
-            if not select([terminal], [], [], _POLL_INTERVAL)[0]:
-                continue
-            # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
-            typed = os.read(terminal, 64)
-            if not typed:
+            if select([terminal], [], [], _POLL_INTERVAL)[0] and not take_waiting():
                 return
-            for key in typed:
-                if key == ord("p"):
-                    run.request("pause")
-                elif key == ord("g"):
-                    run.request("go on")
-                elif key == ord("m") and (request := run.mounting_request):
-                    run.confirm_mounting(request.number, operator)
 
+    # What is read before a request is published cannot confirm it.
+    run.call_before_request(take_waiting)
     before = termios.tcgetattr(sys.stdin)
     # Ctrl-C remains a signal, which the watchdog receives too.
     tty.setcbreak(sys.stdin)

@@ -7,12 +7,12 @@ one request for its mounting, whenever that comes. Any other line confirms nothi
 
 import os
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from getpass import getuser
 from pathlib import Path
 from select import select
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def read_answers(path: Path) -> list[Answer]:
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        if (answer := _parse(line)) is None:
+        if (answer := parse_answer(line)) is None:
             raise InputError(
                 f"{path} line {number}: {line.strip()!r} confirms no mounting; write "
                 f"'{WORD} NAME' or '{WORD} NAME OPERATOR'",
@@ -70,7 +70,8 @@ def read_answers(path: Path) -> list[Answer]:
 def answer_mountings(run: "BenchRun", operator: str, answers: Path | None) -> Generator[None]:
     """Confirm the mountings of a run by an answer file, else by lines of standard input."""
     ended = Event()
-    source = _Lines(ended) if answers is None else _AnswerFile(answers, read_answers(answers))
+    source = _Lines() if answers is None else _AnswerFile(answers, read_answers(answers))
+    run.call_before_request(source.drop_earlier)
     thread = Thread(target=_answer, args=(run, operator, source, ended), daemon=True)
     thread.start()
     try:
@@ -84,15 +85,19 @@ def _answer(run: "BenchRun", operator: str, source: "_Lines | _AnswerFile", ende
     while not ended.wait(_POLL_INTERVAL):
         if (request := run.mounting_request) is None:
             continue
-        answer = source.answer(request)
-        if answer is None:
-            if not ended.is_set():
-                _say(f"{source.gone}, and nobody confirms the mounting: the run stops")
-                run.request("stop")
+
+        def waits(request: "MountingRequest" = request) -> bool:
+            return not ended.is_set() and run.mounting_request == request
+
+        if (answer := source.answer(request, waits)) is not None:
+            by = f"{answer.operator or operator}{source.origin}"
+            run.confirm_mounting(request.number, answer.mounting, by)
+            while waits():
+                ended.wait(_POLL_INTERVAL)
+        elif waits():
+            report_line(f"{source.gone}, and nobody confirms the mounting: the run stops")
+            run.request("stop")
             return
-        run.confirm_mounting(request.number, f"{answer.operator or operator}{source.origin}")
-        while not ended.is_set() and run.mounting_request == request:
-            ended.wait(_POLL_INTERVAL)
 
 
 class _AnswerFile:
@@ -103,7 +108,10 @@ class _AnswerFile:
         self.origin = f" (by {path.name})"
         self._left = list(answers)
 
-    def answer(self, request: "MountingRequest") -> Answer | None:
+    def drop_earlier(self) -> None:
+        """Do nothing: an answer of a file counts whenever the request comes."""
+
+    def answer(self, request: "MountingRequest", _: Callable[[], bool]) -> Answer | None:
         """Return the next confirmation of the requested mounting; None where there is none."""
         for answer in self._left:
             if answer.mounting == request.mounting:
@@ -113,42 +121,45 @@ class _AnswerFile:
 
 
 class _Lines:
-    """Lines of standard input, each read after the request that it confirms."""
+    """Lines of standard input, each of which came after the request that it confirms."""
 
     gone, origin = "standard input has ended", ""
 
-    def __init__(self, ended: Event):
+    def __init__(self):
         # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
-        self._descriptor, self._buffer, self._ended = sys.stdin.fileno(), b"", ended
-        self._at_end = False
+        self._descriptor, self._buffer, self._at_end = sys.stdin.fileno(), b"", False
+        self._lock = Lock()  # of the thread that reads, and the run's, which drops
 
-    def answer(self, request: "MountingRequest") -> Answer | None:
-        """Return the confirmation of the requested mounting; None at the end of the input."""
-        self._drop_earlier_lines()
-        while (line := self._line()) is not None:
-            answer = _parse(line)
+    def drop_earlier(self) -> None:
+        """Drop what has come so far, also the beginning of a line."""
+        with self._lock:
+            while not self._at_end and select([self._descriptor], [], [], 0)[0]:
+                self._read()
+            dropped, self._buffer = self._buffer, b""
+        if count := len(dropped.splitlines()):
+            report_line(f"lines that came before the mounting was requested were dropped: {count}")
+
+    def answer(self, request: "MountingRequest", waits: Callable[[], bool]) -> Answer | None:
+        """Return the confirmation of the requested mounting.
+
+        None at the end of the input, or when the request no longer waits.
+        """
+        while waits():
+            select([self._descriptor], [], [], 0 if self._at_end else _POLL_INTERVAL)
+            with self._lock:
+                if not self._at_end and select([self._descriptor], [], [], 0)[0]:
+                    self._read()
+                if b"\n" not in self._buffer:
+                    if self._at_end:
+                        return None
+                    continue
+                data, _, self._buffer = self._buffer.partition(b"\n")
+            line = data.decode("utf-8", "replace")
+            answer = parse_answer(line)
             if answer is not None and answer.mounting == request.mounting:
                 return answer
-            _say(f"{line.strip()!r} does not confirm that the sensor is mounted as "
-                 f"{request.mounting}; type {WORD} {request.mounting}")  # fmt: skip
+            report_line(mismatch_text(line, request))
         return None
-
-    def _drop_earlier_lines(self) -> None:
-        while not self._at_end and select([self._descriptor], [], [], 0)[0]:
-            self._read()
-        dropped, self._buffer = self._buffer, b""
-        if dropped.strip():
-            _say(f"{len(dropped.splitlines())} lines came before the mounting was requested and "
-                 "were dropped")  # fmt: skip
-
-    def _line(self) -> str | None:
-        while b"\n" not in self._buffer:
-            if self._at_end or self._ended.is_set():
-                return None
-            if select([self._descriptor], [], [], _POLL_INTERVAL)[0]:
-                self._read()
-        line, _, self._buffer = self._buffer.partition(b"\n")
-        return line.decode("utf-8", "replace")
 
     def _read(self) -> None:
         data = os.read(self._descriptor, _CHUNK)
@@ -156,7 +167,7 @@ class _Lines:
         self._buffer += data
 
 
-def _parse(line: str) -> Answer | None:
+def parse_answer(line: str) -> Answer | None:
     """Return the confirmation that a line states; None if it states none."""
     word, *rest = line.split(maxsplit=2)[:3] if line.strip() else [""]
     if word != WORD or not rest:
@@ -164,5 +175,14 @@ def _parse(line: str) -> Answer | None:
     return Answer(rest[0], rest[1].strip() if len(rest) > 1 else "")
 
 
-def _say(words: str) -> None:
+def mismatch_text(line: str, request: "MountingRequest") -> str:
+    """Return what is said of a line that does not confirm what is requested."""
+    return (
+        f"{line.strip()!r} does not confirm that the sensor is mounted as {request.mounting}; type "
+        f"{WORD} {request.mounting}"
+    )
+
+
+def report_line(words: str) -> None:
+    """Print a line for the operator of the run."""
     print(f"inercal: {words}", file=sys.stderr, flush=True)

@@ -191,9 +191,13 @@ class BenchRun:
         """Whether an operator mounts the sensor during the run."""
         return any(isinstance(task, SpinTask) for task in self.tasks)
 
-    def confirm_mounting(self, number: int, by: str) -> None:
-        """Confirm the mounting for the step `number`, from whichever thread; see the request."""
-        self._mounting.confirm(number, by)
+    def call_before_request(self, drop: Callable[[], object]) -> None:
+        """Have a function called in the run's thread before each request for a mounting."""
+        self._mounting.before_request = drop
+
+    def confirm_mounting(self, number: int, mounting: str, by: str) -> None:
+        """Confirm a mounting for the request `number`, from whichever thread."""
+        self._mounting.confirm(number, mounting, by)
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
         """Ask for something, from whichever thread; it is done within a tick."""

@@ -180,13 +180,18 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
 
 
 def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: int = 4096) -> bool:
-    """Hand what comes to `done` until it says so; False where `timeout` s pass before."""
+    """Hand what comes to `done` until it says so; False where `timeout` s pass before.
+
+    What has come by then counts, also where this process stood still meanwhile.
+    """
     end = monotonic() + timeout
-    while (left := end - monotonic()) > 0:
+    while True:
+        left = max(end - monotonic(), 0.0)
         data = link.read(most, left)
         if data and done(data):
             return True
-    return False
+        if not left:
+            return False
 
 
 def host_and_port(parts: SplitResult) -> tuple[str, int] | None:

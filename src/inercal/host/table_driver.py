@@ -28,11 +28,13 @@ from inercal.host.task_sequencer import (
     SpinCommand,
 )
 
-READ_TIMEOUT = 0.45  # s that a reply of a real table may take; they take milliseconds
-# Time without a reading after which a table that may turn is stopped, s. A reading that fails once
-# is read again: one stall, or one wrong byte, is no reason to stop.
-_BLIND_LIMIT = 0.4
-_MAX_FAILED_READINGS = 5  # readings in a row that may fail
+# Time that a reply of a real table may take, s; they take milliseconds. A later one is missed: at
+# 100 °/s the table turns 28° meanwhile.
+READ_TIMEOUT = 0.28
+# Time without a reading after which a table that may turn is stopped, s: one reply that does not
+# come, or wrong ones for as long. A single wrong one is read again.
+_BLIND_LIMIT = 0.25
+_MAX_FAILED_READINGS = 10  # readings in a row that may fail
 _GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
 _REST_TIMEOUT = 12.0  # s of the wall's to come to rest in, seen by the watchdog
 
@@ -203,5 +205,5 @@ class TableDriver:
             return next((f"watchdog: {line}" for line in lines if line.startswith("killed")), None)
         self._guard.release_to_guard()
         does = "keeps trying to stop it" if self._guard.alive else "is gone: cut its power"
-        words = f"no reading shows the table at rest; the watchdog {does}"
+        words = f"rest was not seen: no reading shows the table at rest; the watchdog {does}"
         return "; ".join([words, *lines[-1:]])

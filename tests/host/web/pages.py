@@ -160,6 +160,7 @@ class Served(AbstractContextManager["Served"]):
         options: RunOptions = HURRIED,
     ):
         self.refused: list[str] = []
+        self._browsers: dict[str, dict[str, str]] = {}
         self.register = str(folder / "register.db")
         (folder / "runs").mkdir(exist_ok=True)
         (folder / "plans").mkdir(exist_ok=True)
@@ -179,8 +180,12 @@ class Served(AbstractContextManager["Served"]):
         assert self._up.wait(PATIENCE)
 
     def viewer(self, which: str) -> dict[str, str]:
-        """Return the cookies of a browser that was here before."""
-        return {f"inercal-viewer-{self.port}": which}
+        """Return the cookies of a browser that has opened the page: of one name, the same."""
+        if which not in self._browsers:
+            (said,) = self.ask("/").cookies
+            name, _, value = said.partition(";")[0].partition("=")
+            self._browsers[which] = {name: value}
+        return self._browsers[which]
 
     def page(
         self,

@@ -47,7 +47,7 @@ def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, wa
 def test_a_body_that_does_not_come_is_not_waited_for(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.web.access_middleware._BODY_TIMEOUT", 0.1)
+    monkeypatch.setattr("inercal.host.web.request_bodies._TIMEOUT", 0.1)
     own = {"Host": served.host, "Origin": f"http://{served.host}", "Content-Length": "10"}
     assert served.ask("/api/probe", "POST", None, own).status == 408
     served.was_refused("does not come within")
@@ -108,7 +108,6 @@ def test_a_request_whose_answer_takes_too_long_is_closed_and_a_viewer_stays(
 def test_nothing_of_the_web_servers_inner_protocol_is_subclassed(served: Served):
     used = served.server.config.http_protocol_class
     assert used.__module__.startswith("uvicorn.")
-    assert served.server.config.limit_concurrency == CONNECTIONS
 
 
 def test_more_viewers_than_there_may_be_are_refused_and_may_come_later(

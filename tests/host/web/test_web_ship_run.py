@@ -33,11 +33,15 @@ def test_a_ship_plan_waits_for_who_operates_and_ends_in_a_calibration(tmp_path: 
             while asked is None or asked["mounting"] != mounting:
                 asked = page.until("state", RUNNING)["mounting"]
             if k == 0:
-                other.say("mounted", number=asked["number"])
+                other.say("mounted", number=asked["number"], mounting=mounting)
                 other.until("refused", RUNNING)
-                page.say("mounted", number="first")
-                page.until("refused")
-            page.say("mounted", number=asked["number"])
+                for wrong in (
+                    {"number": "first", "mounting": mounting},
+                    {"number": asked["number"]},
+                ):
+                    page.say("mounted", **wrong)
+                    page.until("refused")
+            page.say("mounted", number=asked["number"], mounting=mounting)
             if mounting == "YX":
                 # A run that goes on has another simulated bench, and asks for no mounting again.
                 page.until("state", RUNNING, phase="work")

@@ -51,7 +51,7 @@ from inercal.host.manual.commands import (
 )
 from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
 from inercal.host.manual.imu import ManualImu
-from inercal.host.table_driver import TableDriver
+from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.task_sequencer import (
     Command,
     SpinCommand,
@@ -60,7 +60,7 @@ from inercal.host.task_sequencer import (
 from inercal.runfile import Run
 
 SHOW_INTERVAL = 0.1  # s of the wall's between two looks at the session
-_REPLY_TIMEOUT = 0.5  # s that the table may take for a reply
+_SIMULATED_READ_TIMEOUT = 0.5  # s: a simulated table may wait for a machine that is busy
 _GRACE = 5.0  # s to come to rest, in addition to the deceleration
 _STOP_GRACE = 1.0  # s that a stop may take beyond what the deceleration takes
 _ARRIVAL_TOLERANCE = radians(0.05)  # rad
@@ -128,7 +128,8 @@ class ManualSession:
         self._show_time = -inf
         self.imu: ManualImu | None = None
         with ExitStack() as opened:
-            self._table = opened.enter_context(open_table(addresses.table, bench, _REPLY_TIMEOUT))
+            timeout = _SIMULATED_READ_TIMEOUT if addresses.clock else READ_TIMEOUT
+            self._table = opened.enter_context(open_table(addresses.table, bench, timeout))
             self._clock = (
                 SimulatedClock(addresses.clock, 1.0) if addresses.clock else MonotonicClock(0.0)
             )

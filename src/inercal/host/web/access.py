@@ -6,12 +6,14 @@ made to lead here (DNS rebinding): the first says its own origin, the second ano
 
 import hmac
 import secrets
+from base64 import urlsafe_b64encode
 from collections import deque
 from collections.abc import Mapping
 from ipaddress import ip_address
 from time import monotonic
 
 from starlette.requests import cookie_parser
+from starlette.responses import Response
 
 from inercal.errors import InputError
 
@@ -55,6 +57,7 @@ class Access:
                 key="token",
             )
         self.session = secrets.token_urlsafe(32)
+        self._viewer_key = secrets.token_bytes(32)
         self._hosts, self._token = hosts, token
         self.needs_token = token is not None
         self._failed_tries: dict[str, deque[float]] = {}
@@ -80,6 +83,28 @@ class Access:
         return not self.needs_token or (
             shown is not None and _equal_in_constant_time(shown, self.session)
         )
+
+    def viewer(self, headers: Mapping[str, str]) -> str | None:
+        """Return which browser asks, by the cookie that this server has issued; None without one.
+
+        A cookie of another's making, such as one that somebody else has chosen to be taken for the
+        operator, counts as none.
+        """
+        shown = cookie(headers, VIEWER) or ""
+        number, _, _ = shown.partition(".")
+        genuine = _equal_in_constant_time(shown, self._viewer_cookie(number))
+        return shown if genuine else None
+
+    def issue_viewer(self, headers: Mapping[str, str], answer: Response) -> str:
+        """Have a browser say later on which one it is, and return that."""
+        value = self._viewer_cookie(secrets.token_urlsafe(16))
+        name = cookie_name(headers, VIEWER)
+        answer.set_cookie(name, value, httponly=True, samesite="strict")
+        return value
+
+    def _viewer_cookie(self, number: str) -> str:
+        code = hmac.digest(self._viewer_key, number.encode(errors="replace"), "sha256")
+        return f"{number}.{urlsafe_b64encode(code).decode().rstrip('=')}"
 
     def may_try_token(self, who: str) -> bool:
         """Tell whether an address has not shown too many wrong tokens lately."""

@@ -1,11 +1,9 @@
 """What every request passes before the page sees it, and every answer on its way out.
 
-Pure ASGI: host, origin, token; a body that is read up to a limit of size and time and no further;
+Pure ASGI: host, origin, token; only then the body, up to a limit of size and time and no further;
 headers that let a browser load nothing but the page's own.
 """
 
-import asyncio
-import secrets
 from collections.abc import Mapping
 from html import escape
 from typing import Any
@@ -15,11 +13,10 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from inercal.host.web.access import SESSION, VIEWER, Access, cookie, cookie_name
+from inercal.host.web.access import SESSION, Access, cookie_name
 from inercal.host.web.refusal_log import RefusalLog
+from inercal.host.web.request_bodies import BodyReader, RequestRefused
 
-_MAX_BODY = 1 << 16  # bytes of a body
-_BODY_TIMEOUT = 10.0  # s for one
 CONTENT_SECURITY_POLICY = (
     "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; "
     "object-src 'none'"
@@ -45,6 +42,7 @@ class AccessMiddleware:
 
     def __init__(self, app: ASGIApp, access: Access, refused: RefusalLog):
         self._app, self._access, self._refusals = app, access, refused
+        self._bodies = BodyReader()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request, or refuse it."""
@@ -61,22 +59,18 @@ class AccessMiddleware:
                 _set_security_headers(MutableHeaders(scope=message))
             await send(message)
 
-        wrong = self._refusal(scope, headers)
-        body = b""
-        if wrong is None and scope["method"] != "GET":
-            try:
-                body = await asyncio.wait_for(_read_body(headers, receive), _BODY_TIMEOUT)
-            except _BodyTooLarge:
-                wrong = 413, f"a body of more than {_MAX_BODY} bytes"
-            except TimeoutError:
-                wrong = 408, f"a body that does not come within {_BODY_TIMEOUT:g} s"
-        if wrong is not None:
-            status, words = wrong
-            self._refusals(_client_host(scope), f"{scope['method']} {scope['path']}: {words}")
-            await PlainTextResponse(f"{words}\n", status)(scope, receive, closing)
-            return
-        answer = self._token_response(scope, headers, body)
-        app = self._app if answer is None else answer
+        app = self._app
+        try:
+            self._require_allowed(scope, headers)
+            answer, body = self._token_refusal(scope, headers), b""
+            if answer is None and scope["method"] != "GET":
+                body = await self._bodies.read(_client_host(scope), headers, receive)
+            app = answer or self._token_answer(scope, body) or app
+        except RequestRefused as refused:
+            words = f"{scope['method']} {scope['path']}: {refused.words}"
+            self._refusals(_client_host(scope), words)
+            app = PlainTextResponse(f"{refused.words}\n", refused.status)
+            body = b""
         await app(scope, _replay_body(body, receive), closing)
 
     async def _serve_websocket(
@@ -96,72 +90,53 @@ class AccessMiddleware:
         await receive()
         await send({"type": "websocket.close"})
 
-    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
-        """Return status and words of what is refused whoever asks."""
+    def _require_allowed(self, scope: Scope, headers: Headers) -> None:
+        """Refuse what is refused whoever asks."""
         if not self._access.allows_host(headers):
-            return 421, f"host {headers.get('host', '')!r}: this page has another name"
+            raise RequestRefused(
+                421, f"host {headers.get('host', '')!r}: this page has another name"
+            )
         if scope["method"] not in ("GET", "POST"):
-            return 405, f"no {scope['method']} here"
+            raise RequestRefused(405, f"no {scope['method']} here")
         if scope["method"] == "POST" and not self._access.is_same_origin(headers):
-            return 403, f"origin {headers.get('origin', '')!r}: not this page"
+            raise RequestRefused(403, f"origin {headers.get('origin', '')!r}: not this page")
         if scope["path"] != "/" and self._access.is_cross_site(headers):
-            return 403, "asked for by a page from elsewhere"
-        return None
+            raise RequestRefused(403, "asked for by a page from elsewhere")
 
-    def _token_response(self, scope: Scope, headers: Headers, body: bytes) -> Response | None:
-        """Return the answer to who has not yet shown the token, or shows it; None for all else."""
-        if not self._access.needs_token:
-            return None
-        given: str | None = None
-        if scope["path"] == "/token" and scope["method"] == "POST":
-            given = _form_field(body, "token")
-        elif scope["path"] == "/":
-            given = _form_field(scope["query_string"], "token")
-        if given is None:
-            if self._access.has_session(headers):
-                return None
-            self._refusals(_client_host(scope), f"{scope['method']} {scope['path']}: no token")
-            return _token_form("This page needs the token that `inercal bench serve` has printed.")
+    def _token_refusal(self, scope: Scope, headers: Headers) -> Response | None:
+        """Return the answer to who has not shown the token, or may not; None for all else."""
         who = _client_host(scope)
-        if not self._access.may_try_token(who):
+        if self._shows_token(scope):
+            if self._access.may_try_token(who):
+                return None
             self._refusals(who, "too many wrong tokens")
             return _token_form("Too many wrong tokens; wait a minute.", 429)
-        if not self._access.accepts_token(given, who):
+        if self._access.has_session(headers):
+            return None
+        self._refusals(who, f"{scope['method']} {scope['path']}: no token")
+        return _token_form("This page needs the token that `inercal bench serve` has printed.")
+
+    def _shows_token(self, scope: Scope) -> bool:
+        """Tell whether a request shows a token, right or wrong."""
+        if not self._access.needs_token:
+            return False
+        if scope["method"] == "POST":
+            return scope["path"] == "/token"
+        return scope["path"] == "/" and _form_field(scope["query_string"], "token") is not None
+
+    def _token_answer(self, scope: Scope, body: bytes) -> Response | None:
+        """Return the answer to who shows a token; None for all else."""
+        if not self._shows_token(scope):
+            return None
+        given = _form_field(body if scope["method"] == "POST" else scope["query_string"], "token")
+        who = _client_host(scope)
+        if given is None or not self._access.accepts_token(given, who):
             self._refusals(who, "a wrong token")
             return _token_form("That is not the token.")
         answer = RedirectResponse("/", 303)
-        name = cookie_name(headers, SESSION)
+        name = cookie_name(Headers(scope=scope), SESSION)
         answer.set_cookie(name, self._access.session, httponly=True, samesite="strict")
         return answer
-
-
-def set_viewer_cookie(headers: Mapping[str, str], answer: Response) -> None:
-    """Have a browser say later on which one it is."""
-    if cookie(headers, VIEWER) is None:
-        value = secrets.token_urlsafe(16)
-        name = cookie_name(headers, VIEWER)
-        answer.set_cookie(name, value, httponly=True, samesite="strict")
-
-
-class _BodyTooLarge(Exception):
-    """A body that is longer than may be."""
-
-
-async def _read_body(headers: Headers, receive: Receive) -> bytes:
-    """Return the body; what it says of its length is believed only where that is too much."""
-    said = headers.get("content-length", "0")
-    if not said.isdecimal() or len(said) > 9 or int(said) > _MAX_BODY:
-        raise _BodyTooLarge
-    body, more = b"", True
-    while more:
-        message = await receive()
-        if message["type"] == "http.disconnect":
-            return body
-        body += message.get("body", b"")
-        more = message.get("more_body", False)
-        if len(body) > _MAX_BODY:
-            raise _BodyTooLarge
-    return body
 
 
 def _replay_body(body: bytes, receive: Receive) -> Receive:

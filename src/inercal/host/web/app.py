@@ -19,19 +19,21 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from inercal.errors import InercalError
 from inercal.host.packets import PRESETS, read_layout
-from inercal.host.web.access import VIEWER, Access, cookie
-from inercal.host.web.access_middleware import AccessMiddleware, set_viewer_cookie
+from inercal.host.web.access import Access
+from inercal.host.web.access_middleware import AccessMiddleware
 from inercal.host.web.device_catalogue import probe_devices
 from inercal.host.web.filter_changes import check_filter_changes
 from inercal.host.web.hub import Hub, free_space
 from inercal.host.web.json_objects import parse_object
 from inercal.host.web.refusal_log import RefusalLog
-from inercal.host.web.viewers import Viewer
+from inercal.host.web.shared_call import SharedCall
+from inercal.host.web.viewers import Client, Viewer
 
 _MESSAGE_RATE = 20  # messages of a viewer
 _HEARTBEAT_INTERVAL = 2.0  # s
 _MAX_TAB = 64  # characters by which a page says which it is
-_MAX_WAITING = 4  # histories that are asked for while one is drawn
+_MAX_WAITING = 4  # histories that are asked for while one is drawn; filters that are judged
+_CLOSING_TIME = 1.0  # s that a viewer may take to hear that its place is another's
 _MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
@@ -54,15 +56,18 @@ class Page:
     hub : Hub
     register : str or None
         Address.
+    access : Access
     refused : RefusalLog
     """
 
-    def __init__(self, hub: Hub, register: str | None, refused: RefusalLog):
+    def __init__(self, hub: Hub, register: str | None, access: Access, refused: RefusalLog):
         self._hub, self._register, self._refusals = hub, register, refused
+        self._access = access
         self._version = version("inercal")
         self._files = dict(_static_files(files("inercal.host.web").joinpath("static")))
         self._setup_lock, self._drawing_lock = asyncio.Lock(), asyncio.Lock()
-        self._pending_histories = 0  # that are drawn or wait for it
+        self._list_setup = SharedCall(lambda: self._setup(), self._setup_lock)
+        self._pending_histories = self._pending_filters = 0  # that are worked on or wait for it
         self._cached_history: tuple[object, str] = None, ""
 
     def routes(self) -> list[Route | WebSocketRoute]:
@@ -71,6 +76,7 @@ class Page:
             Route("/", self.index),
             Route("/static/{name:path}", self.static),
             Route("/api/setup", self.setup),
+            Route("/api/stop", self.stop, methods=["POST"]),
             Route("/api/probe", self.probe, methods=["POST"]),
             Route("/api/filter", self.check_filter, methods=["POST"]),
             Route("/runs/{name}/{what}", self.output_file),
@@ -83,7 +89,8 @@ class Page:
         """Return the page."""
         missing = _StaticFile(_MISSING_PAGE, _MEDIA_TYPES["html"])
         answer = self._files.get("index.html", missing).response(request)
-        set_viewer_cookie(request.headers, answer)
+        if self._access.viewer(request.headers) is None:
+            self._access.issue_viewer(request.headers, answer)
         return answer
 
     async def static(self, request: Request) -> Response:
@@ -95,14 +102,23 @@ class Page:
 
     async def setup(self, request: Request) -> Response:
         """Return what there is to choose from."""
-        async with self._setup_lock:
-            content = await asyncio.to_thread(self._setup)
-        return JSONResponse(content)
+        return JSONResponse(await self._list_setup())
+
+    async def stop(self, request: Request) -> Response:
+        """Stop the table, whoever asks: a page whose websocket is gone or has no place can too."""
+        try:
+            requested = parse_object(await request.body() or b"{}")
+            await self._hub.stop(requested.get("run"))
+        except InercalError as error:
+            return JSONResponse({"words": str(error)}, 409)
+        except ValueError:
+            return JSONResponse({"words": "send a JSON object, or nothing"}, 400)
+        return JSONResponse({"words": "STOP was sent"})
 
     async def probe(self, request: Request) -> Response:
         """Ask the devices, for the operator."""
         who = request.client.host if request.client else "somebody"
-        if not self._hub.people.is_operator_browser(cookie(request.headers, VIEWER)):
+        if not self._hub.people.is_operator_browser(self._access.viewer(request.headers)):
             self._refusals(who, "probe: not the operator's browser")
             return JSONResponse({"words": "only the operator may ask the devices"}, 403)
         try:
@@ -132,14 +148,20 @@ class Page:
             who = request.client.host if request.client else "somebody"
             self._refusals(who, "filter: no JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
+        if self._pending_filters > _MAX_WAITING:
+            words = "too many filters are being checked; wait a moment"
+            return JSONResponse({"words": words}, 429)
         name = requested.get("plan")
-        async with self._setup_lock:
-            plans = await asyncio.to_thread(self._hub.plans.all)
-            plan = plans.get(name) if isinstance(name, str) else None
-            try:
+        self._pending_filters += 1
+        try:
+            async with self._setup_lock:
+                plans = await asyncio.to_thread(self._hub.plans.all)
+                plan = plans.get(name) if isinstance(name, str) else None
                 wrong = await asyncio.to_thread(check_filter_changes, plan, requested)
-            except InercalError as error:
-                return JSONResponse({"words": str(error)}, 400)
+        except InercalError as error:
+            return JSONResponse({"words": str(error)}, 400)
+        finally:
+            self._pending_filters -= 1
         return JSONResponse({"errors": wrong})
 
     async def output_file(self, request: Request) -> Response:
@@ -195,22 +217,35 @@ class Page:
     async def live(self, websocket: WebSocket) -> None:
         """Tell somebody of the run, and do what they ask."""
         who = websocket.client.host if websocket.client else "somebody"
-        if self._hub.people.is_full:
+        shown, answer = self._access.viewer(websocket.headers), Response()
+        # A page that outlived a server has a cookie of that one, and a program none.
+        browser = shown or self._access.issue_viewer(websocket.headers, answer)
+        tab = websocket.query_params.get("tab", "")[:_MAX_TAB] or None
+        viewer = self._hub.add_viewer(self._version, browser, tab, Client(who, shown))
+        if viewer is None:
             self._refusals(who, "websocket: too many look on")
             await websocket.close()
             return
-        await websocket.accept()
-        tab = websocket.query_params.get("tab", "")[:_MAX_TAB] or None
-        viewer = self._hub.add_viewer(self._version, cookie(websocket.headers, VIEWER), tab)
-        sending = asyncio.create_task(_send_messages(websocket, viewer))
-        beating = asyncio.create_task(_send_heartbeats(viewer))
+        tasks: list[asyncio.Task[None]] = []
         try:
-            await self._receive_commands(websocket, viewer, who)
+            async with viewer.stay:
+                cookies = [pair for pair in answer.raw_headers if pair[0] == b"set-cookie"]
+                await websocket.accept(headers=cookies)
+                tasks.append(asyncio.create_task(_send_messages(websocket, viewer)))
+                tasks.append(asyncio.create_task(_send_heartbeats(viewer)))
+                await self._receive_commands(websocket, viewer, who)
         except WebSocketDisconnect:
             pass
+        except TimeoutError:
+            if not viewer.stay.expired():
+                raise
+            self._refusals(who, f"viewer {viewer.number}: its place is given to another client")
+            with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
+                async with asyncio.timeout(_CLOSING_TIME):
+                    await websocket.close(1013, "too many of one client look on")
         finally:
             self._hub.remove_viewer(viewer)
-            for task in (beating, sending):
+            for task in tasks:
                 task.cancel()
                 with suppress(asyncio.CancelledError):
                     await task
@@ -301,7 +336,7 @@ def application(
     hub: Hub, register: str | None, access: Access, refused: RefusalLog
 ) -> AccessMiddleware:
     """Return the page as an ASGI application, behind its gate."""
-    page = Page(hub, register, refused)
+    page = Page(hub, register, access, refused)
     app = Starlette(routes=page.routes(), exception_handlers={404: page.not_found})
     return AccessMiddleware(app, access, refused)
 

@@ -1,5 +1,6 @@
 """What is asked of a run from outside: commands, whenever they come, and signals."""
 
+import json
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Literal
@@ -13,7 +14,12 @@ _COMMANDS: dict[str, _RunCommand] = {
     "abort": "stop",
 }
 NOTE = "note "  # begins a line that is to be written down
-MOUNTED = "mounted "  # begins a line by which a mounting is confirmed: step, then who confirms
+_MOUNTED = "mounted "  # begins a line by which a mounting is confirmed
+
+
+def mounted_line(number: int, mounting: str, by: str) -> str:
+    """Return the line by which somebody confirms a mounting for the request `number`."""
+    return f"{_MOUNTED}{json.dumps([number, mounting, by])}"
 
 
 class CommandRelay:
@@ -35,10 +41,8 @@ class CommandRelay:
         """Do what `pause`, `go on`, `abort`, a note or `mounted` say, from whichever thread."""
         if words.startswith(NOTE):
             self._notes.put(words.removeprefix(NOTE))
-        if words.startswith(MOUNTED) and self._run is not None:
-            number, _, name = words.removeprefix(MOUNTED).partition(" ")
-            if number.isdecimal():
-                self._run.confirm_mounting(int(number), name)
+        if words.startswith(_MOUNTED) and self._run is not None:
+            self._run.confirm_mounting(*json.loads(words.removeprefix(_MOUNTED)))
         if (what := _COMMANDS.get(words)) is None:
             return
         self._queue.put(what)

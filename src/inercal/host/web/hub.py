@@ -15,7 +15,7 @@ from inercal.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
-from inercal.host.web.command_relay import MOUNTED, NOTE
+from inercal.host.web.command_relay import NOTE, mounted_line
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.filter_changes import filter_changes, require_filter_changes
 from inercal.host.web.json_objects import JsonObject, as_object
@@ -36,7 +36,7 @@ from inercal.host.web.run_request import (
     read_process_record,
 )
 from inercal.host.web.runs import Runs, StoredRun
-from inercal.host.web.viewers import OPERATOR_GRACE, Viewer, Viewers
+from inercal.host.web.viewers import OPERATOR_GRACE, Client, Viewer, Viewers
 
 _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s that a process may take to end that has told its end
@@ -100,9 +100,16 @@ class Hub:
         """Whether a run goes on; one that has told its end does not, though its process may."""
         return self.run_process is not None and not self._end_published
 
-    def add_viewer(self, version: str, browser: str | None, tab: str | None = None) -> Viewer:
-        """Take a viewer in, and tell how the run stands, then what was before."""
-        viewer = self.people.add_viewer(browser, tab)
+    def add_viewer(
+        self, version: str, browser: str, tab: str | None, client: Client
+    ) -> Viewer | None:
+        """Take a viewer in, and tell how the run stands, then what was before.
+
+        None where there is no place.
+        """
+        if not self.people.make_place(client):
+            return None
+        viewer = self.people.add_viewer(browser, tab, client)
         viewer.send("hello", _message_text("hello", version=version))
         self._broadcast_viewers()
         if self._history is None:
@@ -180,15 +187,25 @@ class Hub:
                     )
                 self._send_to_run(f"{NOTE}{self.people.operator}: {text}")
             case "mounted":
-                number = asked.get("number")
-                if not isinstance(number, int) or isinstance(number, bool):
-                    raise InputError(
-                        f"number {number!r} is not that of the step that waits for a mounting",
-                        key="number",
-                    )
-                self._send_to_run(f"{MOUNTED}{number} {self.people.operator}")
+                self._confirm_mounting(asked)
             case _:
                 self._send_to_run(what)
+
+    def _confirm_mounting(self, asked: JsonObject) -> None:
+        number, mounting = asked.get("number"), asked.get("mounting")
+        if not isinstance(number, int) or isinstance(number, bool):
+            raise InputError(
+                f"number {str(number)[:40]!r} is not that of the request for a mounting; send the "
+                "number and the mounting of the request",
+                key="number",
+            )
+        if _printable_line(mounting, _MAX_NAME) is None:
+            raise InputError(
+                "the confirmation names no mounting; send the number and the mounting of the "
+                "request",
+                key="mounting",
+            )
+        self._send_to_run(mounted_line(number, str(mounting), self.people.operator or ""))
 
     def _send_manual(self, command: ManualCommand) -> None:
         if not self._is_manual:

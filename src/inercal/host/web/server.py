@@ -22,7 +22,7 @@ from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import os_errors_as_input_errors
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.app import application
-from inercal.host.web.connections import CHECK_INTERVAL, MAX_CONNECTIONS, ConnectionLimits
+from inercal.host.web.connections import CHECK_INTERVAL, ConnectionLimits
 from inercal.host.web.device_catalogue import DeviceCatalogue
 from inercal.host.web.hub import Hub
 from inercal.host.web.plans import Plans
@@ -166,7 +166,6 @@ def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalL
         limits,
         loop="asyncio",
         http="h11",
-        limit_concurrency=MAX_CONNECTIONS,
         ws="websockets-sansio",
         ws_max_size=_MAX_MESSAGE,
         ws_per_message_deflate=False,

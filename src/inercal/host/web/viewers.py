@@ -7,9 +7,10 @@ does not wait for the mark. The batch grows while marks are answered at once.
 """
 
 import asyncio
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from time import monotonic
+from typing import NamedTuple
 
 MAX_VIEWERS = 32  # viewers
 OPERATOR_GRACE = 10.0  # s that an operator's place is kept
@@ -25,6 +26,16 @@ _LATEST_KINDS = ("state", "estimates")
 _SAMPLE_KINDS = ("samples", "coarse")
 
 
+class Client(NamedTuple):
+    """By whom places are shared: an address, and a browser there that is known.
+
+    All programs of an address that show no cookie of this server are one client.
+    """
+
+    host: str
+    browser: str | None
+
+
 class Viewer:
     """Somebody who looks on.
 
@@ -35,10 +46,25 @@ class Viewer:
         Which browser it is, where that has said so before.
     tab : str or None
         Which page of that browser it is; a page that connects again says the same.
+    client : Client, optional
+        By whom places are shared.
+
+    Attributes
+    ----------
+    stay : asyncio.Timeout
+        Ends when somebody else is given this place.
     """
 
-    def __init__(self, number: int, browser: str | None, tab: str | None = None):
+    def __init__(
+        self,
+        number: int,
+        browser: str | None,
+        tab: str | None = None,
+        client: Client | None = None,
+    ):
         self.number, self.browser, self.tab = number, browser, tab
+        self.client = client or Client("", browser)
+        self.stay = asyncio.Timeout(None)
         self._urgent: deque[tuple[str, str]] = deque()
         self._latest: dict[str, str] = {}
         self._news: deque[str] = deque()
@@ -174,24 +200,58 @@ class Viewers:
         self._seat: _Seat | None = None
         self._left_at = 0.0
 
-    @property
-    def is_full(self) -> bool:
-        """Nobody else can look on."""
-        return len(self.viewers) >= MAX_VIEWERS
+    def make_place(self, client: Client) -> bool:
+        """Tell whether a client can look on, if need be in the place of one that has many places.
+
+        The operator's browser always can, and the operator's page gives way to nobody.
+        """
+        if len(self.viewers) < MAX_VIEWERS:
+            return True
+        yielding = self._yielding(client)
+        if yielding is None:
+            return False
+        self.remove_viewer(yielding)
+        yielding.stay.reschedule(0)
+        return True
+
+    def _yielding(self, client: Client) -> Viewer | None:
+        """Return who gives way to a client: the last that came of the client with most places.
+
+        Only to one that has fewer, also afterwards: otherwise two would drive each other out.
+        """
+        others = [one for one in self.viewers.values() if not self.is_operator(one)]
+        hosts = Counter(one.client.host for one in others)
+        clients = Counter(one.client for one in others)
+
+        def places(one: Viewer) -> tuple[int, int, int]:
+            return hosts[one.client.host], clients[one.client], one.number
+
+        most = max(others, key=places)
+        if (
+            self.is_operator_browser(client.browser)
+            or hosts[client.host] + 1 < hosts[most.client.host]
+        ):
+            return most
+        neighbours = (one for one in others if one.client.host == client.host)
+        most = max(neighbours, key=places, default=None)
+        fewer = most is not None and clients[client] + 1 < clients[most.client]
+        return most if fewer else None
 
     @property
     def operator(self) -> str | None:
         """The name of who operates, or may still be back."""
         return self._held_seat.name if self._held_seat is not None else None
 
-    def add_viewer(self, browser: str | None, tab: str | None = None) -> Viewer:
+    def add_viewer(
+        self, browser: str | None, tab: str | None = None, client: Client | None = None
+    ) -> Viewer:
         """Take a viewer in; an operator who was gone for a moment operates again.
 
         The page of the operator has its place back though the connection that it had before, which
         broke, is not known to be gone yet.
         """
         self._count += 1
-        viewer = Viewer(self._count, browser, tab)
+        viewer = Viewer(self._count, browser, tab, client)
         self.viewers[viewer.number] = viewer
         seat = self._held_seat
         if seat is not None and self.is_operator_browser(browser):

@@ -36,7 +36,8 @@ export function makeControls() {
   /** Any viewer may: it goes to the watchdog. */
   function stopNow() {
     if (!say({ do: "stop" })) {
-      return notice("STOP was NOT sent, there is no connection: use the emergency stop.");
+      notice("STOP was NOT sent, there is no connection: use the emergency stop.");
+      return stopWithoutSocket();
     }
     stopped = performance.now();
     if (seen.link === "quiet") return unsure();
@@ -44,6 +45,13 @@ export function makeControls() {
       return notice("STOP was sent, but there is no news from the bench: use the emergency stop.");
     }
     notice(going() ? "STOP was sent." : "STOP was sent; no run is known to go on.");
+  }
+
+  /** The server may be there though it has no place for the socket of this page. */
+  async function stopWithoutSocket() {
+    const answer = await fetch("/api/stop", { method: "POST" }).catch(() => null);
+    if (!answer?.ok) return;
+    notice("STOP was sent, but there is no news from the bench: use the emergency stop.");
   }
 
   function unsure() {

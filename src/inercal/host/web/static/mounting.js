@@ -10,8 +10,9 @@ export function makeMounting() {
   button.addEventListener("click", () => {
     const asked = seen.state?.mounting;
     if (!allowed(button) || !asked) return notice(button.title);
-    // The number says which prompt is answered: a second click answers no other one.
-    order({ do: "mounted", number: asked.number }, "The mounting is confirmed.");
+    // The number says which request is answered: a second click answers no other one.
+    const { number, mounting } = asked;
+    order({ do: "mounted", number, mounting }, "The confirmation was sent.");
   });
 
   function plan({ spins, live }) {
