@@ -30,7 +30,7 @@ REPORTED = 100_000  # sensors
 SIZES = (1_000, 10_000, 100_000)  # tasks that compute nothing
 
 
-def compute_nothing(line: Line, out: Path, work: Sequence[Work]) -> BatchDone:
+def compute_nothing(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
     """Take the place of `compute_batch`."""
     return BatchDone(len(work), 0, 1e-9)
 
@@ -40,7 +40,8 @@ def engine_cost(scheduler: str | None, tasks: int) -> tuple[Duration, float]:
     line = Line(Path(), {}, ())
     work = Work(SensorRow("a", "b"), "", Version(0, ""))
     with open_tolerant_executor(2, scheduler) as executor:
-        scheduling = Scheduling(line, Path(), executor, 1, Counts(tasks), None, compute_nothing)
+        out = results.ResultWriter(Path(), 1)
+        scheduling = Scheduling(line, out, executor, 1, Counts(tasks), None, compute_nothing)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         begin, used = time.perf_counter(), time.process_time()
         scheduling.run(work for _ in range(tasks))

@@ -8,6 +8,7 @@ from tests.runfile.key_sweep import EXAMPLES
 
 from inercal.fleet import results
 from inercal.fleet.calibration import calibrate_line
+from inercal.fleet.latest import latest_results
 from inercal.fleet.line import read_line
 from inercal.fleet.population import read_population
 from inercal.fleet.report_page import page
@@ -39,7 +40,7 @@ def test_rows_and_status_hold_the_conformity(folder: Path):
     line = read_line(folder)
     with open_tolerant_executor(1, None) as executor:
         calibrate_line(line, executor)
-    rows = results.read_results(folder / results.FOLDER, ["conformity"]).to_pylist()
+    rows = latest_results(line, folder / results.FOLDER, ["conformity"]).to_pylist()
     assert {row["id"]: row["conformity"] for row in rows} == {
         "wide": "pass",
         "guard": "conditional pass",

@@ -14,6 +14,7 @@ from tests.program import run_program
 
 from inercal.fleet import results
 from inercal.fleet.calibration import calibrate_line
+from inercal.fleet.export import sensor_calibration
 from inercal.fleet.line import read_line
 from inercal.parallel import SerialExecutor, open_executor, open_tolerant_executor
 from inercal.parallel.dask_executor import DaskExecutor, SchedulerLost
@@ -108,8 +109,8 @@ def test_recordings_of_a_store_are_those_of_a_folder(store: str, tmp_path: Path)
     assert [[row[key] for key in same] for row in rows_of(folder)] == [
         [row[key] for key in same] for row in of_folder
     ]
-    text = results.calibration_text(folder / results.FOLDER, "S004")
-    assert json.loads(text)["provenance"]["recording"] == "s3://line/S004.npz"
+    found = sensor_calibration(read_line(folder), folder / results.FOLDER, "S004")
+    assert found.provenance["recording"] == "s3://line/S004.npz"
     kept = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
     assert (kept["kept"], kept["done"]) == (6, 0)
     files.rm_file("line/S002.npz")

@@ -1,6 +1,7 @@
 """`inercal fleet`: the sensors of a production line, calibrated in batches and compared."""
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ FAILED = 3  # exit status: some sensors have no result
 _SERIAL = 100  # sensors below which other processes cost more than they save
 _POLL = 0.5  # s
 _REPORT = "report.html"
+_TOLD_BY = 7  # columns by which a table of ours is known
 app = typer.Typer(
     help="Calibrate the sensors of a production line, and compare them.", no_args_is_help=True
 )
@@ -83,7 +85,7 @@ def calibrate(
     counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed)
     content: dict[str, Any] = {**vars(counts), "results": str(folder)}
     if register is not None:
-        content["register"], content["entered"] = _enter(folder, register)
+        content["register"], content["entered"] = _enter(read, folder, register)
     if json:
         print_json(content)
     else:
@@ -96,6 +98,7 @@ def calibrate(
 def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
     """Say how many sensors are calibrated, failed and missing, and why they failed."""
     from inercal.cli.console import print_json
+    from inercal.fleet.latest import outdated_lines
     from inercal.fleet.line import read_line
     from inercal.fleet.status import line_status
 
@@ -110,10 +113,12 @@ def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
     for what, number in found.conformity.items():
         print(f"{number:>9}  {what} by [specification]")
     if found.outdated:
-        print(f"{found.outdated:>9}  results are by another run file: calibrate again")
+        print(f"{len(found.outdated):>9}  results are outdated: calibrate again")
     for reason, names in found.reasons:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         print(f"{', '.join(names[:3])}{more}: {reason}")
+    for text in outdated_lines(found.outdated):
+        print(text)
 
 
 @app.command()
@@ -192,13 +197,14 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
 ) -> None:
     """Write the results as one table, the calibration file of one sensor, or files for a target."""
+    from inercal.calibration.files import save
+    from inercal.calibration.outdated import OUTDATED
     from inercal.cli.console import progress_status
     from inercal.cli.outputs import CALIBRATION, OutputKind, check_outputs
     from inercal.errors import InputError
     from inercal.fleet import results
-    from inercal.fleet.export import COLUMNS, export_files, export_table
+    from inercal.fleet.export import COLUMNS, export_files, export_table, sensor_calibration
     from inercal.fleet.line import read_line
-    from inercal.io.atomic_files import write_text
 
     folder = line / results.FOLDER if out is None else out
     if to is not None:
@@ -222,6 +228,7 @@ def export(
             )
         for name in made.unreliable:
             print(f"inercal: warning: {name} is not to be relied on", file=sys.stderr)
+        _warn_of_outdated(made.outdated)
         print(f"wrote {path}: {len(made.files)} files")
         for name, reason in made.without.items():
             print(f"no file for {name}: {reason}")
@@ -234,16 +241,26 @@ def export(
     ):
         if given:
             raise InputError(f"{option} needs --to: name a target", key=option)
-    table = OutputKind("table of sensors", ",".join(COLUMNS).encode())
+    table = OutputKind("table of sensors", ",".join(COLUMNS[:_TOLD_BY]).encode())
     kind = CALIBRATION if sensor is not None else table
     check_outputs({path: kind}, force=force or None)
     read = read_line(line)
     if sensor is not None:
-        write_text(path, results.calibration_text(folder, sensor))
+        calibration = sensor_calibration(read, folder, sensor)
+        save(calibration, path)
+        _warn_of_outdated({sensor: calibration.provenance.get(OUTDATED, "")})
         print(f"wrote {path}")
         return
-    number = export_table(read, folder, path)
-    print(f"wrote {path}: {number} sensors")
+    outdated = export_table(read, folder, path)
+    _warn_of_outdated(outdated)
+    print(f"wrote {path}: {len(outdated)} sensors")
+
+
+def _warn_of_outdated(reasons: Mapping[str, str]) -> None:
+    from inercal.fleet.latest import outdated_lines
+
+    for text in outdated_lines(reasons):
+        print(f"inercal: warning: {text}; calibrate the line again", file=sys.stderr)
 
 
 def _calibrate(
@@ -297,14 +314,18 @@ def _print_counts(counts: "Counts", content: dict[str, Any]) -> None:
     print(f"wrote {content['results']}")
 
 
-def _enter(folder: Path, address: str) -> tuple[str, int]:
+def _enter(line: "Line", folder: Path, address: str) -> tuple[str, int]:
     from inercal.cli.console import progress_status
     from inercal.fleet.registration import enter_results
     from inercal.store import Register
 
     with Register(address) as register, progress_status("entering calibrations") as update:
-        number = enter_results(folder, register, lambda k: update(f"{k} are in the register"))
+        number = enter_results(line, folder, register, lambda k: update(f"{k} are in the register"))
         return register.address, number
+
+
+def _say(text: str) -> None:
+    print(f"inercal: {text}", file=sys.stderr, flush=True)
 
 
 def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
@@ -312,7 +333,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
     import time
 
     from inercal.errors import InputError
-    from inercal.fleet.station import arriving_files, calibrate_arrival, known_versions
+    from inercal.fleet.station import arriving_files, calibrate_arrival, known_files
 
     if not folder.is_dir():
         raise InputError(f"--watch {folder}: no such folder", key="--watch")
@@ -326,7 +347,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
     print(f"watching {folder}: {len(line.rows)} sensors", flush=True)
     failed = done = 0
     try:
-        for path in arriving_files(folder, poll, known_versions(line, out), suffixes):
+        for path in arriving_files(folder, poll, known_files(line, out), suffixes, _say):
             result = calibrate_arrival(line, path, out)
             print(f"{'PASS' if result.passed else 'FAIL'} {result.id}: {result.reason}", flush=True)
             failed += not result.passed

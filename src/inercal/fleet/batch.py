@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
 from inercal.errors import InercalError
 from inercal.fleet import results
+from inercal.fleet.inputs import INSTALLED
 from inercal.fleet.line import GROUPS, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, local_copy
 from inercal.io.column_table import file_sha256
@@ -31,11 +31,14 @@ class Work:
         Of its run file (`Line.digest`).
     version : Version
         Of its recording.
+    arrived : bool
+        Whether a station took the recording.
     """
 
     row: SensorRow
     digest: str
     version: Version
+    arrived: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,15 +58,15 @@ class BatchDone:
     seconds: float
 
 
-def compute_batch(line: Line, out: Path, work: Sequence[Work]) -> BatchDone:
+def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
     """Calibrate sensors, and write their rows as one part.
 
     Parameters
     ----------
     line : Line
         It need not have their rows.
-    out : Path
-        Of the parts.
+    out : ResultWriter
+        Of the results.
     work : sequence of Work
 
     Raises
@@ -73,7 +76,7 @@ def compute_batch(line: Line, out: Path, work: Sequence[Work]) -> BatchDone:
     """
     begin = perf_counter()
     rows = [result_row(line, one) for one in work]
-    results.write_part(out, rows)
+    out.write(rows)
     done = sum(row["status"] == results.DONE for row in rows)
     return BatchDone(done, len(rows) - done, perf_counter() - begin)
 
@@ -115,21 +118,21 @@ def failed_row(
 
 
 def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
-    installed = version("inercal")
     columns = dict(work.row.columns)
     named = {name: columns.pop(name, None) for name in GROUPS}
     return {
-        "key": results.row_key(recording_sha256, work.digest, installed),
+        "key": results.row_key(recording_sha256, work.digest, INSTALLED),
         "id": work.row.id,
         "recording": work.row.recording,
         **named,
         "table": list(columns.items()),
         "recording_sha256": recording_sha256,
         "sections_sha256": work.digest,
-        "inercal": installed,
+        "inercal": INSTALLED,
         "size": work.version.size,
         "mark": work.version.mark,
         "created": datetime.now(UTC).isoformat(timespec="microseconds"),
+        "arrived": work.arrived,
     }
 
 
@@ -139,7 +142,7 @@ def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
     from inercal.calibration.files import as_object, canonical_text
     from inercal.pipeline import calibrate
 
-    address, run = work.row.recording, line.run(work.row)
+    address, run = work.row.recording, line.run(work.row, work.digest)
     with local_copy(address) if is_address(address) else nullcontext() as copy:
         if copy is not None:
             run = replace(run, data=run.data.model_copy(update={"file": str(copy)}))

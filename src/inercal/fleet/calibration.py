@@ -9,8 +9,11 @@ from pathlib import Path
 from inercal.errors import InercalError, InputError
 from inercal.fleet import results
 from inercal.fleet.batch import BatchDone, Work, compute_batch, failed_row
+from inercal.fleet.inputs import line_inputs
+from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
-from inercal.fleet.recordings import Version, version_of
+from inercal.fleet.recordings import ABSENT
+from inercal.fleet.results import ResultWriter
 from inercal.io.atomic_files import write_text
 from inercal.parallel import Settled, TolerantExecutor, WorkerLost
 
@@ -83,16 +86,18 @@ def calibrate_line(
     """
     folder = line.folder / results.FOLDER if out is None else out
     counts = Counts(len(line.rows))
-    todo, refused = _pending(line, folder, retry_failed, counts)
+    todo, refused, latest = _pending(line, folder, retry_failed, counts)
     _refuse_wrong_run_files(line, todo, refused)
-    if refused:
+    if todo or refused:
+        writer = results.open_writer(folder, latest)
         rows = [
             failed_row(line.folder, work, str(error), type(error).__name__)
             for work, error in refused
         ]
-        results.write_part(folder, rows)
-        counts.failed += len(refused)
-    Scheduling(line, folder, executor, batch, counts, progress, compute_batch).run(todo)
+        if rows:
+            writer.write(rows)
+            counts.failed += len(rows)
+        Scheduling(line, writer, executor, batch, counts, progress, compute_batch).run(todo)
     write_summary(folder, counts)
     return counts
 
@@ -108,40 +113,23 @@ _Refused = tuple[Work, InercalError]
 
 def _pending(
     line: Line, folder: Path, retry_failed: bool, counts: Counts
-) -> tuple[list[Work], list[_Refused]]:
-    """Return the sensors to calibrate, and those whose recording is not there."""
-    known = _known_versions(folder, retry_failed)
-    installed = version("inercal")
+) -> tuple[list[Work], list[_Refused], int]:
+    """Return the sensors to calibrate, those without a recording, and the latest generation."""
+    now = line_inputs(line)
+    found = latest_results(line, folder, (), now).to_pylist()
+    counting: dict[str, str] = {row["id"]: row["status"] for row in found if not row[OUTDATED]}
     todo: list[Work] = []
     refused: list[_Refused] = []
-    for row in line.rows:
-        digest = line.digest(row)
-        try:
-            found = version_of(line.folder, row.recording)
-        except InputError as error:
-            refused.append((Work(row, digest, Version(0, "")), error))
-            continue
-        if known.get(row.id, _NONE)[:3] == (digest, found, installed):
+    for inputs in now.values():
+        status = counting.get(inputs.row.id)
+        if status is not None and (status == results.DONE or not retry_failed):
             counts.kept += 1
-            counts.kept_failed += known[row.id][3] != results.DONE
+            counts.kept_failed += status != results.DONE
+        elif isinstance(inputs.found, InputError):
+            refused.append((Work(inputs.row, inputs.digest, ABSENT), inputs.found))
         else:
-            todo.append(Work(row, digest, found))
-    return todo, refused
-
-
-_Known = tuple[str, Version, str, str]
-_NONE: _Known = ("", Version(0, ""), "", "")
-
-
-def _known_versions(folder: Path, retry_failed: bool) -> dict[str, _Known]:
-    """Return digest of the run file, versions of recording and inercal, and status of results."""
-    columns = ("id", "sections_sha256", "size", "mark", "status", "inercal")
-    found: dict[str, _Known] = {}
-    for row in results.read_results(folder, columns).to_pylist():
-        if row["status"] == results.DONE or not retry_failed:
-            mark = Version(row["size"], row["mark"])
-            found[row["id"]] = (row["sections_sha256"], mark, row["inercal"], row["status"])
-    return found
+            todo.append(Work(inputs.row, inputs.digest, inputs.found))
+    return todo, refused, max((row["generation"] or 0 for row in found), default=0)
 
 
 def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused]) -> None:
@@ -160,7 +148,7 @@ def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused
         shape = line.shape(work.row)
         if shape not in errors:
             try:
-                line.run(work.row)
+                line.run(work.row, work.digest)
                 errors[shape] = None
             except InercalError as error:
                 has_file = isinstance(error, InputError) and error.file is not None
@@ -175,7 +163,7 @@ def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused
     todo[:] = kept
 
 
-_Compute = Callable[[Line, Path, Sequence[Work]], BatchDone]
+_Compute = Callable[[Line, ResultWriter, Sequence[Work]], BatchDone]
 
 
 class Scheduling:
@@ -184,8 +172,8 @@ class Scheduling:
     Parameters
     ----------
     line : Line
-    out : Path
-        Of the parts.
+    out : ResultWriter
+        Of the results.
     executor : TolerantExecutor
     batch : int or None
         Sensors of a batch; None for as many as take two seconds.
@@ -200,7 +188,7 @@ class Scheduling:
     def __init__(
         self,
         line: Line,
-        out: Path,
+        out: ResultWriter,
         executor: TolerantExecutor,
         batch: int | None,
         counts: Counts,
@@ -268,5 +256,5 @@ class Scheduling:
                 self._submit([one])
             return
         row = failed_row(self._line.folder, work[0], str(error), "WorkerLost", status=results.LOST)
-        results.write_part(self._out, [row])
+        self._out.write([row])
         self._counts.lost += 1

@@ -5,7 +5,7 @@ line that names the file, the key and what is possible there.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from hashlib import sha256
@@ -56,7 +56,7 @@ from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.specification_section import stated_specification
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
 from inercal.sensors import Sensor
-from inercal.small_files import is_file, parse_toml, read_small_file, read_toml
+from inercal.small_files import is_file, parse_toml, read_small_file, read_toml, texts_of
 
 if TYPE_CHECKING:
     from inercal.calibration.specification import Specification
@@ -219,24 +219,11 @@ class Run:
 
     def input_files(self) -> list[Path]:
         """Return the run file and the existing files that its keys and values name."""
-        named = [self.file(text) for text in _texts(read_toml(self.path, "run file"))]
+        named = [self.file(text) for text in texts_of(read_toml(self.path, "run file"))]
         sections = self.file(self.data.file)
         if is_pattern(sections):
             named += matching_files(sections).values()
         return [self.path, *(path for path in named if is_file(path))]
-
-
-def _texts(content: object) -> Iterator[str]:
-    """Yield all keys and texts of a TOML document."""
-    if isinstance(content, str):
-        yield content
-    elif isinstance(content, Mapping):
-        for key, value in cast(Mapping[str, object], content).items():
-            yield key
-            yield from _texts(value)
-    elif isinstance(content, list):
-        for value in cast(list[object], content):
-            yield from _texts(value)
 
 
 def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> Run:
