@@ -15,7 +15,7 @@ from inercal.fleet.report_page import page
 from inercal.fleet.station import calibrate_arrival
 from inercal.fleet.statistics import fleet_statistics
 from inercal.fleet.status import line_status
-from inercal.parallel import open_tolerant_executor
+from inercal.parallel import SerialExecutor
 from inercal.uncertainty.conformity import RESULTS
 
 MEANS = EXAMPLES / "six_position" / "positions.csv"  # az.k0 is 11.442 mg, U = 43 µg
@@ -38,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_rows_and_status_hold_the_conformity(folder: Path):
     line = read_line(folder)
-    with open_tolerant_executor(1, None) as executor:
+    with SerialExecutor() as executor:
         calibrate_line(line, executor)
     rows = latest_results(line, folder / results.FOLDER, ["conformity"]).to_pylist()
     assert {row["id"]: row["conformity"] for row in rows} == {
@@ -55,7 +55,7 @@ def test_rows_and_status_hold_the_conformity(folder: Path):
 
 def test_limits_that_differ_from_sensor_to_sensor_are_counted_as_judged(folder: Path):
     line = read_line(folder)
-    with open_tolerant_executor(1, None) as executor:
+    with SerialExecutor() as executor:
         calibrate_line(line, executor)
     found = fleet_statistics(read_population(line, folder / results.FOLDER))
     assert [one.counts for one in found.yields] == [dict.fromkeys(RESULTS, 1)]

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,6 +46,14 @@ def calibrate(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Try sensors again that failed before.")
     ] = False,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            "--timeout",
+            metavar="SECONDS",
+            help="Longest time of a sensor (default: 20 times that of the others, at least 60 s).",
+        ),
+    ] = None,
     register: Annotated[
         str | None, typer.Option("--register", help="Enter the calibrations in this register.")
     ] = None,
@@ -69,6 +78,8 @@ def calibrate(
             raise InputError(f"{name} {number}: give 1 or more", key=name)
     if count is not None and watch is None:
         raise InputError("--count: it ends --watch; give --watch, too", key="--count")
+    if timeout is not None and not 0 < timeout < inf:
+        raise InputError(f"--timeout {timeout}: give a number of seconds above 0", key="--timeout")
     read = read_line(line)
     results.schema()  # names what is not installed, before any work
     folder = line / results.FOLDER if out is None else out
@@ -80,9 +91,9 @@ def calibrate(
             if given is not None:
                 raise InputError(f"{name}: --watch takes one recording at a time; remove {name}",
                                  key=name)  # fmt: skip
-        _watch(read, watch, folder, count)
+        _watch(read, watch, folder, count, timeout)
         return
-    counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed)
+    counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed, timeout)
     content: dict[str, Any] = {**vars(counts), "results": str(folder)}
     if register is not None:
         content["register"], content["entered"] = _enter(read, folder, register)
@@ -270,6 +281,7 @@ def _calibrate(
     scheduler: str | None,
     batch: int | None,
     retry_failed: bool,
+    timeout: float | None,
 ) -> "Counts":
     from inercal.cli.console import progress_status
     from inercal.fleet.calibration import calibrate_line
@@ -288,6 +300,7 @@ def _calibrate(
             out=folder,
             batch=batch,
             retry_failed=retry_failed,
+            timeout=timeout,
             progress=lambda counts: update(_progress_text(counts)),
         )
 
@@ -328,12 +341,19 @@ def _say(text: str) -> None:
     print(f"inercal: {text}", file=sys.stderr, flush=True)
 
 
-def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
+def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: float | None) -> None:
     """Print a line for each recording that arrives; the status is 3 where one did not pass."""
     import time
 
     from inercal.errors import InputError
-    from inercal.fleet.station import arriving_files, calibrate_arrival, known_files
+    from inercal.fleet.station import (
+        StationResult,
+        arriving_files,
+        calibrate_arrival,
+        known_files,
+    )
+    from inercal.fleet.time_limit import TimeLimit
+    from inercal.parallel import open_tolerant_executor
 
     if not folder.is_dir():
         raise InputError(f"--watch {folder}: no such folder", key="--watch")
@@ -345,15 +365,21 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
     line.run(line.rows[0])  # a wrong template is refused before any recording
     suffixes = {Path(row.recording).suffix for row in line.rows}
     print(f"watching {folder}: {len(line.rows)} sensors", flush=True)
+    limit = TimeLimit(timeout)
     failed = done = 0
     try:
-        for path in arriving_files(folder, poll, known_files(line, out), suffixes, _say):
-            result = calibrate_arrival(line, path, out)
-            print(f"{'PASS' if result.passed else 'FAIL'} {result.id}: {result.reason}", flush=True)
-            failed += not result.passed
-            done += 1
-            if done == count:
-                break
+        with open_tolerant_executor(1) as executor:
+            for path in arriving_files(folder, poll, known_files(line, out), suffixes, _say):
+                try:
+                    result = calibrate_arrival(line, path, out, executor, limit)
+                except InputError as error:  # a disk is full, or away
+                    result = StationResult(path.stem, False, f"its result is not kept: {error}")
+                word = "PASS" if result.passed else "FAIL"
+                print(f"{word} {result.id}: {result.reason}", flush=True)
+                failed += not result.passed
+                done += 1
+                if done == count:
+                    break
     except KeyboardInterrupt:
         pass  # the usual end of a station
     print(f"{done - failed} passed, {failed} did not")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -16,6 +17,7 @@ from inercal.fleet.inputs import INSTALLED
 from inercal.fleet.line import GROUPS, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, local_copy
 from inercal.io.column_table import file_sha256
+from inercal.parallel.steps import begin_step
 
 _ONE_LINE = 500  # characters of an error
 
@@ -49,17 +51,17 @@ class BatchDone:
     ----------
     done, failed : int
         Sensors.
-    seconds : float
-        Wall time of all of them.
+    seconds : tuple of float
+        Wall time of each of them.
     """
 
     done: int
     failed: int
-    seconds: float
+    seconds: tuple[float, ...]
 
 
 def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
-    """Calibrate sensors, and write their rows as one part.
+    """Calibrate sensors, and write their rows as one part; each sensor is a step of the task.
 
     Parameters
     ----------
@@ -74,11 +76,16 @@ def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -
     InputError
         The part cannot be written.
     """
-    begin = perf_counter()
-    rows = [result_row(line, one) for one in work]
+    rows: list[dict[str, Any]] = []
+    times = [perf_counter()]
+    for number, one in enumerate(work):
+        begin_step(number)
+        rows.append(result_row(line, one))
+        times.append(perf_counter())
     out.write(rows)
     done = sum(row["status"] == results.DONE for row in rows)
-    return BatchDone(done, len(rows) - done, perf_counter() - begin)
+    seconds = tuple(after - before for before, after in pairwise(times))
+    return BatchDone(done, len(rows) - done, seconds)
 
 
 def result_row(line: Line, work: Work) -> dict[str, Any]:

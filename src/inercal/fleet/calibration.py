@@ -14,12 +14,14 @@ from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
 from inercal.fleet.recordings import ABSENT
 from inercal.fleet.results import ResultWriter
+from inercal.fleet.time_limit import TimeLimit
 from inercal.io.atomic_files import write_text
-from inercal.parallel import Settled, TolerantExecutor, WorkerLost
+from inercal.parallel import Settled, TimeExceeded, TolerantExecutor, WorkerLost
 
 TASK_SECONDS = 2.0  # of a batch: its overhead is then small, and little is lost with a worker
 _MOST_IN_BATCH = 200
 _WINDOW = 4  # batches a worker that are handed out
+_MOST_EARLY = 3  # sensors that are stopped before others are known
 SUMMARY = "_fleet.json"  # readers of datasets leave such names out
 
 
@@ -60,6 +62,7 @@ def calibrate_line(
     out: Path | None = None,
     batch: int | None = None,
     retry_failed: bool = False,
+    timeout: float | None = None,
     progress: Callable[[Counts], None] | None = None,
 ) -> Counts:
     """Calibrate the sensors of a line that have no result yet.
@@ -75,6 +78,9 @@ def calibrate_line(
         Sensors of a batch; by default as many as take two seconds.
     retry_failed : bool
         Whether sensors that failed with the same recording and run file are tried again.
+    timeout : float, optional
+        The longest time of a sensor, s; by default as of `TimeLimit`. A `SerialExecutor` has no
+        limit.
     progress : callable, optional
         Called after each batch.
 
@@ -97,7 +103,8 @@ def calibrate_line(
         if rows:
             writer.write(rows)
             counts.failed += len(rows)
-        Scheduling(line, writer, executor, batch, counts, progress, compute_batch).run(todo)
+        limit = TimeLimit(timeout)
+        Scheduling(line, writer, executor, batch, counts, progress, compute_batch, limit).run(todo)
     write_summary(folder, counts)
     return counts
 
@@ -183,6 +190,8 @@ class Scheduling:
         Called with the counts after each batch.
     compute : callable
         Computes a batch: from the line without its rows, `out` and the work.
+    limit : TimeLimit
+        Of a sensor.
     """
 
     def __init__(
@@ -194,14 +203,18 @@ class Scheduling:
         counts: Counts,
         progress: Callable[[Counts], None] | None,
         compute: _Compute,
+        limit: TimeLimit,
     ):
-        self._compute = compute
+        self._compute, self._limit = compute, limit
+        executor.limit = self._longest
         self._line, self._out, self._executor = replace(line, rows=()), out, executor
         self._workers, self._batch = executor.workers, batch
         self._counts, self._progress = counts, progress
         self._under_way: dict[int, Sequence[Work]] = {}
         self._measured = 0
         self._seconds = 0.0
+        self._stopped_early: set[str] = set()  # ids
+        self._postponed: list[Work] = []
 
     def run(self, todo: Iterable[Work]) -> None:
         """Calibrate the sensors."""
@@ -212,6 +225,13 @@ class Scheduling:
             if self._progress is not None:
                 self._progress(self._counts)
             self._hand_out(waiting)
+
+    def _longest(self, index: int, step: int) -> float:
+        """Return the longest time of a sensor of a batch, s."""
+        work, stopped = self._under_way[index][step], self._stopped_early
+        others = self._counts.sensors - self._counts.settled > 1
+        early = others and work.row.id not in stopped and len(stopped) < _MOST_EARLY
+        return self._limit.seconds(work.version.size, early=early)
 
     def _size(self) -> int:
         """Return how many sensors take two seconds; one, until that is known."""
@@ -227,6 +247,8 @@ class Scheduling:
         window = self._workers * (_WINDOW if known else 1)
         while len(self._under_way) < window:
             some = [work for _, work in zip(range(self._size()), waiting, strict=False)]
+            if not some and self._postponed and not self._under_way:
+                some = [self._postponed.pop()]
             if not some:
                 return
             self._submit(some)
@@ -238,7 +260,9 @@ class Scheduling:
 
     def _take_back(self, settled: Settled) -> None:
         work = self._under_way.pop(settled.index)
-        if isinstance(settled.error, WorkerLost):
+        if isinstance(settled.error, TimeExceeded):
+            self._answer_excess(work, settled.error)
+        elif isinstance(settled.error, WorkerLost):
             self._answer_loss(work, settled.error)
         elif settled.error is not None:
             raise settled.error
@@ -247,7 +271,8 @@ class Scheduling:
             self._counts.done += done.done
             self._counts.failed += done.failed
             self._measured += len(work)
-            self._seconds += done.seconds
+            self._seconds += sum(done.seconds)
+            self._limit.note([one.version.size for one in work], done.seconds)
 
     def _answer_loss(self, work: Sequence[Work], error: WorkerLost) -> None:
         """Send the sensors of a lost batch again one by one; one that is alone is the cause."""
@@ -255,6 +280,21 @@ class Scheduling:
             for one in work:
                 self._submit([one])
             return
-        row = failed_row(self._line.folder, work[0], str(error), "WorkerLost", status=results.LOST)
+        self._lose(work[0], str(error), error)
+
+    def _answer_excess(self, work: Sequence[Work], error: TimeExceeded) -> None:
+        """Name the sensor that took too long, and send the others of its batch again."""
+        late = work[error.step]
+        if others := [one for one in work if one is not late]:
+            self._submit(others)
+        if error.limit < self._limit.seconds(late.version.size):
+            self._stopped_early.add(late.row.id)
+            self._postponed.append(late)
+        else:
+            self._lose(late, self._limit.reason(error.limit), error)
+
+    def _lose(self, work: Work, reason: str, error: WorkerLost) -> None:
+        name = type(error).__name__
+        row = failed_row(self._line.folder, work, reason, name, status=results.LOST)
         self._out.write([row])
         self._counts.lost += 1

@@ -4,17 +4,20 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from time import perf_counter
+from typing import Any, NamedTuple
 
 from inercal.calibration.files import parse
 from inercal.calibration.specification import conformity_lines
 from inercal.errors import InputError
 from inercal.fleet import results
-from inercal.fleet.batch import Work, result_row
+from inercal.fleet.batch import Work, failed_row, result_row
 from inercal.fleet.inputs import COMPARED, sensor_inputs
 from inercal.fleet.line import BARCODE, ID, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, version_of
+from inercal.fleet.time_limit import TimeLimit
 from inercal.io.column_table import file_sha256
+from inercal.parallel import SerialExecutor, TimeExceeded, TolerantExecutor, WorkerLost
 
 _HIDDEN = (".", "~")
 
@@ -112,7 +115,13 @@ def _present_files(folder: Path, suffixes: Collection[str]) -> dict[Path, Versio
     return found
 
 
-def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
+def calibrate_arrival(
+    line: Line,
+    path: Path,
+    out: Path,
+    executor: TolerantExecutor | None = None,
+    limit: TimeLimit | None = None,
+) -> StationResult:
     """Calibrate a recording that arrived, and keep its row.
 
     Its sensor is the row whose column `barcode` or whose id is the file's name without suffix, or
@@ -124,6 +133,10 @@ def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
     path : Path
     out : Path
         Folder of the results.
+    executor : TolerantExecutor, optional
+        Where it is calibrated; by default in this process.
+    limit : TimeLimit, optional
+        Of the recordings of a station.
 
     Raises
     ------
@@ -139,7 +152,8 @@ def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
     except InputError as error:
         return StationResult(row.id, False, str(error))
     line = replace(line)  # the files that it names may have changed since it was read
-    found = result_row(line, Work(row, line.digest(row), version, arrived=True))
+    work = Work(row, line.digest(row), version, arrived=True)
+    found = _result_within(limit or TimeLimit(), executor or SerialExecutor(), line, work)
     results.open_writer(out).write([found])
     if found["status"] != results.DONE:
         return StationResult(row.id, False, found["error"])
@@ -150,6 +164,25 @@ def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
         reason = f"{limits[min(1, len(limits) - 1)]}; {reason}"
     accepted = found["conformity"] in (None, "pass")
     return StationResult(row.id, accepted and found["grade"] != "unreliable", reason)
+
+
+def _result_within(
+    limit: TimeLimit, executor: TolerantExecutor, line: Line, work: Work
+) -> dict[str, Any]:
+    """Return the row of a sensor, which is lost where it kills its process or takes too long."""
+    size = work.version.size
+    executor.limit = lambda _index, _step: limit.seconds(size)
+    executor.submit(result_row, replace(line, rows=()), work)
+    begin = perf_counter()
+    (settled,) = executor.settled()
+    if settled.error is None:
+        limit.note([size], [perf_counter() - begin])
+        return settled.result
+    error = settled.error
+    if not isinstance(error, WorkerLost):
+        raise error
+    reason = limit.reason(error.limit) if isinstance(error, TimeExceeded) else str(error)
+    return failed_row(line.folder, work, reason, type(error).__name__, status=results.LOST)
 
 
 def find_row(line: Line, path: Path) -> SensorRow | None:
