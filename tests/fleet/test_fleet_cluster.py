@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Generator
@@ -50,6 +51,13 @@ class Cluster:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
+
+    def kill_workers(self) -> None:
+        """Kill the processes that compute; those that watch over them start others."""
+        for process in self._workers:
+            listed = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
+            for one in listed.split():
+                os.kill(int(one), signal.SIGKILL)
 
     def close(self) -> None:
         for process in (*self._workers, self.scheduler):

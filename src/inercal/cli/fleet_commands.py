@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from inercal.cli import export_command
-from inercal.cli.worker_option import SCHEDULER, WORKERS
+from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
 
 if TYPE_CHECKING:
     from inercal.fleet.calibration import Counts
@@ -293,6 +293,7 @@ def _calibrate(
         progress_status(f"{len(line.rows)} sensors") as update,
         open_tolerant_executor(workers, scheduler) as executor,
     ):
+        warn_of_root(scheduler)
         _name_dashboard(executor)
         return calibrate_line(
             line,

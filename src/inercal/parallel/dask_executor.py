@@ -1,12 +1,14 @@
 """Tasks on a Dask cluster, by the address of its scheduler."""
 
 import logging
+import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
 from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import Any
 
 from inercal.errors import InercalError, InputError, require_installed
@@ -14,6 +16,7 @@ from inercal.parallel import Settled, Task, TimeExceeded, TolerantExecutor, Work
 from inercal.parallel.steps import LOOK, AwakeClock, reported_steps
 
 _LOGGERS = ("distributed", "distributed.client", "distributed.utils", "distributed.core")
+_ADDRESS = re.compile(r"(tcp|tls)://([^\s/:@\[\]]+|\[[0-9a-fA-F:.%]+\]):(?P<port>\d{1,5})")
 _TIMEOUT = 10.0  # s, for the answer of a scheduler
 _RESTART = 60.0  # s, of a worker
 _SETTINGS = {
@@ -43,7 +46,7 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
     MissingExtra
         Dask is not installed.
     """
-    if not address.startswith(("tcp://", "tls://")):
+    if (found := _ADDRESS.fullmatch(address)) is None or not 0 < int(found["port"]) < 1 << 16:
         raise InputError(
             f"--scheduler {address}: give tcp://HOST:PORT, tls://HOST:PORT or local",
             key="--scheduler",
@@ -55,8 +58,12 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
             key="--workers",
         )
     require_installed("fleet", "a Dask cluster needs distributed", ("distributed",))
-    dask: Any = import_module("dask.config")
-    distributed: Any = import_module("distributed")
+    try:
+        dask: Any = import_module("dask.config")
+        distributed: Any = import_module("distributed")
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"Dask's settings cannot be read: {reason}", key="--scheduler") from None
     for name in _LOGGERS:  # who submitted a task reports its loss, once
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.set(_SETTINGS):
@@ -78,20 +85,33 @@ def _connected_client(distributed: Any, address: str) -> Any:
     InputError
         None answers, or the certificates for it are missing or wrong.
     """
+    security = distributed.Security()  # by the settings of Dask
+    if address.startswith("tls://"):
+        _require_certificates(security, address)
+    found: SimpleQueue[Any] = SimpleQueue()
+    # One that could not connect would wait for its own end when it is deleted, and complain.
+    kind: Any = type("Client", (distributed.Client,), {"__del__": lambda _self: None})  # pyright: ignore[reportUnknownLambdaType]
+
+    def connect() -> None:
+        try:
+            options = {"timeout": _TIMEOUT, "set_as_default": False, "security": security}
+            found.put(kind(address, **options))
+        except Exception as error:  # of a wrong certificate, too: of more than one type
+            found.put(error)
+
+    # In a thread: Dask waits without end for a scheduler that accepts a connection and is silent.
+    Thread(target=connect, daemon=True).start()
     try:
-        security = distributed.Security()  # by the settings of Dask
-        if address.startswith("tls://"):
-            _require_certificates(security, address)
-        return distributed.Client(
-            address, timeout=_TIMEOUT, set_as_default=False, security=security
-        )
-    except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
-        # A wrong certificate, too, ends in one of these.
+        client = found.get(timeout=2 * _TIMEOUT)
+    except Empty:
+        client = TimeoutError()
+    if isinstance(client, Exception):
         raise InputError(
-            f"--scheduler {address}: no Dask scheduler answers ({type(error).__name__}); start one "
-            "by `dask scheduler`, and check address and certificates",
+            f"--scheduler {address}: no Dask scheduler answers ({type(client).__name__}); start "
+            "one by `dask scheduler`, and check address and certificates",
             key="--scheduler",
-        ) from None
+        )
+    return client
 
 
 def _require_certificates(security: Any, address: str) -> None:
