@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from distributed import LocalCluster
 from tests.fleet import simulated_line
 from tests.fleet.lines import TEMPLATE, make_line
 
@@ -22,6 +23,7 @@ from inercal.fleet.batch import BatchDone, Work
 from inercal.fleet.calibration import Counts, Scheduling
 from inercal.fleet.line import Line, SensorRow, read_line
 from inercal.fleet.recordings import Version
+from inercal.fleet.time_limit import TimeLimit
 from inercal.parallel import available_cores, open_tolerant_executor
 
 SENSORS, EACH = 2000, 1667  # recordings, samples of each position
@@ -30,17 +32,20 @@ REPORTED = 100_000  # sensors
 SIZES = (1_000, 10_000, 100_000)  # tasks that compute nothing
 
 
-def compute_nothing(line: Line, out: Path, work: Sequence[Work]) -> BatchDone:
+def compute_nothing(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
     """Take the place of `compute_batch`."""
-    return BatchDone(len(work), 0, 1e-9)
+    return BatchDone(len(work), 0, (1e-9,) * len(work))
 
 
 def engine_cost(scheduler: str | None, tasks: int) -> tuple[Duration, float]:
     """Return the time of all tasks, of client and workers, and the client's growth, MB."""
     line = Line(Path(), {}, ())
     work = Work(SensorRow("a", "b"), "", Version(0, ""))
-    with open_tolerant_executor(2, scheduler) as executor:
-        scheduling = Scheduling(line, Path(), executor, 1, Counts(tasks), None, compute_nothing)
+    with open_tolerant_executor(None if scheduler else 2, scheduler) as executor:
+        out = results.ResultWriter(Path(), 1)
+        scheduling = Scheduling(
+            line, out, executor, 1, Counts(tasks), None, compute_nothing, TimeLimit()
+        )
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         begin, used = time.perf_counter(), time.process_time()
         scheduling.run(work for _ in range(tasks))
@@ -77,10 +82,14 @@ def report_rows() -> Iterator[Row]:
 
 def rows() -> Iterator[Row | Skipped]:
     """Measure the engine, then the calibrations."""
-    for scheduler, name in ((None, "processes"), ("local", "Dask")):
+    cluster = LocalCluster(
+        2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
+    )
+    for scheduler, name in ((None, "processes"), (cluster.scheduler_address, "Dask")):
         cost, _ = engine_cost(scheduler, SIZES[0])
         each = Duration(cost / SIZES[0], cost.wall / SIZES[0], cost.processor / SIZES[0])
         yield Row(f"fleet: a task by {name}", 1e3 * each, 2.0, "limit", "ms")
+    cluster.close()
     costs = [engine_cost(None, size) for size in SIZES]
     grown = costs[-1][0] / costs[0][0] / (SIZES[-1] / SIZES[0])
     yield Row("fleet: a task of 10⁵, against one of 10³", grown, 1.2, "limit", "")

@@ -20,6 +20,9 @@ from benchmarks.fleet import engine_cost
 import inercal
 from inercal.calibration.files import as_object, canonical_text
 from inercal.fleet import results
+from inercal.fleet.inputs import INSTALLED
+from inercal.fleet.line import Line, SensorRow
+from inercal.fleet.recordings import ABSENT
 from inercal.fleet.registration import enter_results
 from inercal.store import Register
 
@@ -40,16 +43,19 @@ def register(size: int) -> dict[str, float]:
     """Return the CPU time of entering all results into a new register, s, and its size, MB."""
     with TemporaryDirectory() as name:
         folder, path = Path(name) / results.FOLDER, Path(name) / "register.db"
-        for rows in _parts(size):
-            results.write_part(folder, rows)
+        sensors = tuple(SensorRow(f"S{k:06d}", "absent") for k in range(size))
+        line = Line(Path(name), {}, sensors)
+        for rows in _parts(line):
+            results.ResultWriter(folder, 1).write(rows)
         with Register(str(path)) as opened:
             begin = time.process_time()
-            enter_results(folder, opened)
+            enter_results(line, folder, opened)
             taken = time.process_time() - begin
         return {"register": taken, "disk": path.stat().st_size / 1e6}
 
 
-def _parts(size: int) -> Iterator[list[dict[str, object]]]:
+def _parts(line: Line) -> Iterator[list[dict[str, object]]]:
+    size = len(line.rows)
     first = inercal.calibrate(RUN_FILE).calibration
     rng = np.random.default_rng(1)
     for begin in range(0, size, PART):
@@ -64,6 +70,8 @@ def _parts(size: int) -> Iterator[list[dict[str, object]]]:
             text = canonical_text(as_object(one))
             row: dict[str, object] = {"key": str(k), "id": one.sensor.name, "table": []}
             row |= {"status": results.DONE, "created": "2026-01-01T00:00:00+00:00"}
+            row |= {"sections_sha256": line.digest(line.rows[k]), "inercal": INSTALLED}
+            row |= {"size": ABSENT.size, "mark": ABSENT.mark}
             part.append(row | {"calibration": text})
         yield part
 

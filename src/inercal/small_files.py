@@ -11,9 +11,9 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from inercal.errors import InputError
 
@@ -161,6 +161,19 @@ def _members(outer: dict[str, Any] | list[Any]) -> Iterable[Any]:
 
 def _too_deep(what: str) -> str:
     return f"not a TOML {what}: nested deeper than {DEEPEST} levels"
+
+
+def texts_of(content: object) -> Iterator[str]:
+    """Yield all keys and texts of a TOML document."""
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, Mapping):
+        for key, value in cast(Mapping[str, object], content).items():
+            yield key
+            yield from texts_of(value)
+    elif isinstance(content, list):
+        for value in cast(list[object], content):
+            yield from texts_of(value)
 
 
 def read_toml(path: Path, what: str = "file") -> dict[str, Any]:

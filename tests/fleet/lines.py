@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from inercal.fleet import results
+from inercal.fleet.latest import latest_results
+from inercal.fleet.line import read_line
 
 FACES = ("x_p", "x_a", "y_p", "y_a", "z_p", "z_a")
 TEMPLATE = """
@@ -26,7 +28,7 @@ marks = "labels"
 name = "six_position"
 """
 # What differs from one time to another though the result is the same.
-_PASSING = ("created", "seconds", "calibration", "mark")
+_PASSING = ("created", "seconds", "calibration", "mark", "generation")
 
 
 def readings(seed: int, each: int = 100) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -69,5 +71,5 @@ def make_line(folder: Path, number: int, each: int = 100, template: str = TEMPLA
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
     """Return the results of a line without what passes."""
-    found = results.read_results(folder / results.FOLDER).to_pylist()
+    found = latest_results(read_line(folder), folder / results.FOLDER).to_pylist()
     return [{key: row[key] for key in row if key not in _PASSING} for row in found]

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.fleet import results
+from inercal.fleet.inputs import INSTALLED
 from inercal.fleet.line import Line, read_line
+from inercal.fleet.recordings import ABSENT
 
 Array = NDArray[np.float64]
 COEFFICIENTS = tuple(f"a{k}.{term}" for k in "xyz" for term in ("k0", "k1", "delta_o", "delta_p"))
@@ -59,7 +61,7 @@ class Truth:
 
 def write_line(
     folder: Path, n: int, truth: Truth | None = None, *, seed: int = 1, limits: str = LIMITS,
-    part: int = 200, further: Mapping[str, object] | None = None,
+    part: int = 200, generation: int = 1, further: Mapping[str, object] | None = None,
 ) -> Line:  # fmt: skip
     """Write a line of n sensors with its results; return it."""
     truth = truth or Truth()
@@ -100,9 +102,10 @@ def write_line(
                 "chi2": float(chi2[k]), "dof": float(dof[k]), "birge": 1.0,
                 "coefficients": " ".join(COEFFICIENTS), "value": si[k].tolist(),
                 "std": std[k].tolist(), "covariance": triangle, "created": times[k],
-                "sections_sha256": line.digest(line.rows[k]),
+                "sections_sha256": line.digest(line.rows[k]), "inercal": INSTALLED,
+                "size": ABSENT.size, "mark": ABSENT.mark,  # as there are no recordings
             } | dict(further or {})
             for k in range(first, min(first + part, n))
         ]  # fmt: skip
-        results.write_part(folder / results.FOLDER, rows)
+        results.ResultWriter(folder / results.FOLDER, generation).write(rows)
     return line

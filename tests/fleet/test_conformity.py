@@ -8,13 +8,14 @@ from tests.runfile.key_sweep import EXAMPLES
 
 from inercal.fleet import results
 from inercal.fleet.calibration import calibrate_line
+from inercal.fleet.latest import latest_results
 from inercal.fleet.line import read_line
 from inercal.fleet.population import read_population
 from inercal.fleet.report_page import page
 from inercal.fleet.station import calibrate_arrival
 from inercal.fleet.statistics import fleet_statistics
 from inercal.fleet.status import line_status
-from inercal.parallel import open_tolerant_executor
+from inercal.parallel import SerialExecutor
 from inercal.uncertainty.conformity import RESULTS
 
 MEANS = EXAMPLES / "six_position" / "positions.csv"  # az.k0 is 11.442 mg, U = 43 µg
@@ -37,9 +38,9 @@ def folder(tmp_path: Path) -> Path:
 
 def test_rows_and_status_hold_the_conformity(folder: Path):
     line = read_line(folder)
-    with open_tolerant_executor(1, None) as executor:
+    with SerialExecutor() as executor:
         calibrate_line(line, executor)
-    rows = results.read_results(folder / results.FOLDER, ["conformity"]).to_pylist()
+    rows = latest_results(line, folder / results.FOLDER, ["conformity"]).to_pylist()
     assert {row["id"]: row["conformity"] for row in rows} == {
         "wide": "pass",
         "guard": "conditional pass",
@@ -54,7 +55,7 @@ def test_rows_and_status_hold_the_conformity(folder: Path):
 
 def test_limits_that_differ_from_sensor_to_sensor_are_counted_as_judged(folder: Path):
     line = read_line(folder)
-    with open_tolerant_executor(1, None) as executor:
+    with SerialExecutor() as executor:
         calibrate_line(line, executor)
     found = fleet_statistics(read_population(line, folder / results.FOLDER))
     assert [one.counts for one in found.yields] == [dict.fromkeys(RESULTS, 1)]

@@ -13,11 +13,13 @@ from tests.fleet.lines import TEMPLATE, make_line, readings, rows_of, write_reco
 from tests.refusals import refused
 
 import inercal
+from inercal.calibration.files import save
 from inercal.errors import InputError
 from inercal.fleet import batch as batch_module
 from inercal.fleet import calibration as fleet_calibration
 from inercal.fleet import results
 from inercal.fleet.calibration import Counts, calibrate_line
+from inercal.fleet.export import sensor_calibration
 from inercal.fleet.line import Line, read_line
 from inercal.parallel import SerialExecutor, Settled, TolerantExecutor, WorkerLost
 from inercal.parallel.isolated_executor import IsolatedExecutor
@@ -55,10 +57,8 @@ def test_values_are_those_of_a_single_calibration(calibrated: Path):
 
 
 def test_the_calibration_file_of_a_row_is_read_as_it_was_written(calibrated: Path, tmp_path: Path):
-    path = tmp_path / "one.calibration.json"
-    text = results.calibration_text(calibrated / results.FOLDER, "S003")
-    path.write_text(text, encoding="utf-8")
-    loaded = inercal.load(path)
+    found = sensor_calibration(read_line(calibrated), calibrated / results.FOLDER, "S003")
+    loaded = inercal.load(save(found, tmp_path / "one.calibration.json"))
     row = rows_of(calibrated)[3]
     assert loaded.sensor.name == "S003"
     np.testing.assert_array_equal(loaded.values, row["value"])
@@ -171,7 +171,7 @@ def test_a_sensor_whose_override_is_wrong_fails_alone(tmp_path: Path):
 POISON = "S004"
 
 
-def compute_or_die(line: Line, out: Path, work: Any) -> Any:
+def compute_or_die(line: Line, out: results.ResultWriter, work: Any) -> Any:
     """Compute a batch; the process of one sensor dies."""
     if any(one.row.id == POISON for one in work):
         os.kill(os.getpid(), signal.SIGKILL)

@@ -19,8 +19,9 @@ from tests.refusals import refused
 import inercal
 from inercal.calibration.files import parse
 from inercal.fleet import results
+from inercal.fleet.latest import latest_results
 from inercal.fleet.line import read_line
-from inercal.fleet.station import arriving_files, calibrate_arrival, find_row, known_versions
+from inercal.fleet.station import arriving_files, calibrate_arrival, find_row, known_files
 from inercal.store import Register
 
 pytest.importorskip("pyarrow")
@@ -96,7 +97,7 @@ def test_calibrations_are_entered_once_in_the_register(line: Path, tmp_path: Pat
 
 def test_a_register_is_told_what_it_has_by_hashes(line: Path, tmp_path: Path):
     run_program("fleet", "calibrate", line)
-    rows = results.read_results(line / results.FOLDER, ("status", "calibration")).to_pylist()
+    rows = latest_results(read_line(line), line / results.FOLDER, ("calibration",)).to_pylist()
     texts = [row["calibration"] for row in rows if row["status"] == results.DONE]
     hashes = [json.loads(text)["sha256"] for text in texts]
     with Register(str(tmp_path / "r.db")) as register:
@@ -170,7 +171,7 @@ def test_a_recording_that_arrives_is_judged_when_it_is_complete(tmp_path: Path):
     assert (bad.id, bad.passed) == ("other", False)
     # Nothing tells the lot and the bench of a sensor that the table lacks.
     assert [(row["id"], row["status"]) for row in rows_of(folder)] == [("S1", "done")]
-    assert list(arriving_files(inbox, lambda: False, known_versions(line, folder / "fleet"))) == []
+    assert list(arriving_files(inbox, lambda: False, known_files(line, folder / "fleet"))) == []
 
 
 def test_a_station_prints_pass_and_fail_and_ends_with_their_status(tmp_path: Path):

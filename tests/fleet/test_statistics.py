@@ -14,7 +14,7 @@ from inercal.fleet.findings import statistics_object, summary_lines
 from inercal.fleet.line import SensorRow, read_line
 from inercal.fleet.population import Population, read_population
 from inercal.fleet.report_page import page
-from inercal.fleet.results import FOLDER
+from inercal.fleet.results import FOLDER, part_paths
 from inercal.fleet.statistics import FleetStatistics, capability, fleet_statistics
 
 
@@ -165,15 +165,17 @@ def test_object_and_page_say_the_same(tmp_path: Path):
 
 
 def test_sensors_without_a_usable_result_are_counted_apart(tmp_path: Path):
-    later = {"created": "2027-01-01T00:00:00"}
-    line = write_line(tmp_path, 60, part=60)
-    for name, n, further in (
-        ("bad", 20, {"grade": "unreliable"}),
-        ("failed", 10, {"status": "failed", "value": None, "created": "2027-02-01T00:00:00"}),
+    line = write_line(tmp_path, 60, part=10)
+    for name, further in (
+        ("bad", {"grade": "unreliable"}),
+        ("failed", {"status": "failed", "value": None}),
     ):
-        write_line(tmp_path / name, n, part=n, further=later | further)
-        (part,) = (tmp_path / name / FOLDER).glob("part-*.parquet")
-        (tmp_path / FOLDER / f"part-{name}.parquet").write_bytes(part.read_bytes())
+        write_line(tmp_path / name, 20, part=10, generation=2, further=further)
+    # The parts are named by their sensors: the first two of the line are replaced.
+    for name, part in zip(("failed", "bad"), part_paths(tmp_path / "bad" / FOLDER), strict=True):
+        (tmp_path / FOLDER / part.name).write_bytes(
+            (tmp_path / name / FOLDER / part.name).read_bytes()
+        )
     more = replace(line, rows=(*line.rows, SensorRow("S999999", "x.csv")))
     found = read_population(more, tmp_path / FOLDER)
     assert found.ids == tuple(row.id for row in line.rows[20:])

@@ -10,7 +10,7 @@ from inercal.cli.console import (
     print_written_files,
     progress_status,
 )
-from inercal.cli.worker_option import SCHEDULER, WORKERS
+from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
 
 if TYPE_CHECKING:
     from inercal.budget import Budget
@@ -61,6 +61,7 @@ def run(
             file=run_file,
             key="[method] estimator",
         )
+    warn_of_root(scheduler)
     with progress_status(f"first order of {plan.sensor.name}") as update, executor:
         result = budget(
             experiment_from_run(plan),

@@ -1,13 +1,15 @@
 """`inercal fleet`: the sensors of a production line, calibrated in batches and compared."""
 
 import sys
+from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from inercal.cli import export_command
-from inercal.cli.worker_option import SCHEDULER, WORKERS
+from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
 
 if TYPE_CHECKING:
     from inercal.fleet.calibration import Counts
@@ -19,6 +21,7 @@ FAILED = 3  # exit status: some sensors have no result
 _SERIAL = 100  # sensors below which other processes cost more than they save
 _POLL = 0.5  # s
 _REPORT = "report.html"
+_TOLD_BY = 7  # columns by which a table of ours is known
 app = typer.Typer(
     help="Calibrate the sensors of a production line, and compare them.", no_args_is_help=True
 )
@@ -43,6 +46,14 @@ def calibrate(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Try sensors again that failed before.")
     ] = False,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            "--timeout",
+            metavar="SECONDS",
+            help="Longest time of a sensor (default: 20 times that of the others, at least 60 s).",
+        ),
+    ] = None,
     register: Annotated[
         str | None, typer.Option("--register", help="Enter the calibrations in this register.")
     ] = None,
@@ -67,6 +78,8 @@ def calibrate(
             raise InputError(f"{name} {number}: give 1 or more", key=name)
     if count is not None and watch is None:
         raise InputError("--count: it ends --watch; give --watch, too", key="--count")
+    if timeout is not None and not 0 < timeout < inf:
+        raise InputError(f"--timeout {timeout}: give a number of seconds above 0", key="--timeout")
     read = read_line(line)
     results.schema()  # names what is not installed, before any work
     folder = line / results.FOLDER if out is None else out
@@ -78,12 +91,12 @@ def calibrate(
             if given is not None:
                 raise InputError(f"{name}: --watch takes one recording at a time; remove {name}",
                                  key=name)  # fmt: skip
-        _watch(read, watch, folder, count)
+        _watch(read, watch, folder, count, timeout)
         return
-    counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed)
+    counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed, timeout)
     content: dict[str, Any] = {**vars(counts), "results": str(folder)}
     if register is not None:
-        content["register"], content["entered"] = _enter(folder, register)
+        content["register"], content["entered"] = _enter(read, folder, register)
     if json:
         print_json(content)
     else:
@@ -96,6 +109,7 @@ def calibrate(
 def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
     """Say how many sensors are calibrated, failed and missing, and why they failed."""
     from inercal.cli.console import print_json
+    from inercal.fleet.latest import outdated_lines
     from inercal.fleet.line import read_line
     from inercal.fleet.status import line_status
 
@@ -110,10 +124,12 @@ def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
     for what, number in found.conformity.items():
         print(f"{number:>9}  {what} by [specification]")
     if found.outdated:
-        print(f"{found.outdated:>9}  results are by another run file: calibrate again")
+        print(f"{len(found.outdated):>9}  results are outdated: calibrate again")
     for reason, names in found.reasons:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         print(f"{', '.join(names[:3])}{more}: {reason}")
+    for text in outdated_lines(found.outdated):
+        print(text)
 
 
 @app.command()
@@ -192,13 +208,14 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
 ) -> None:
     """Write the results as one table, the calibration file of one sensor, or files for a target."""
+    from inercal.calibration.files import save
+    from inercal.calibration.outdated import OUTDATED
     from inercal.cli.console import progress_status
     from inercal.cli.outputs import CALIBRATION, OutputKind, check_outputs
     from inercal.errors import InputError
     from inercal.fleet import results
-    from inercal.fleet.export import COLUMNS, export_files, export_table
+    from inercal.fleet.export import COLUMNS, export_files, export_table, sensor_calibration
     from inercal.fleet.line import read_line
-    from inercal.io.atomic_files import write_text
 
     folder = line / results.FOLDER if out is None else out
     if to is not None:
@@ -222,6 +239,7 @@ def export(
             )
         for name in made.unreliable:
             print(f"inercal: warning: {name} is not to be relied on", file=sys.stderr)
+        _warn_of_outdated(made.outdated)
         print(f"wrote {path}: {len(made.files)} files")
         for name, reason in made.without.items():
             print(f"no file for {name}: {reason}")
@@ -234,16 +252,26 @@ def export(
     ):
         if given:
             raise InputError(f"{option} needs --to: name a target", key=option)
-    table = OutputKind("table of sensors", ",".join(COLUMNS).encode())
+    table = OutputKind("table of sensors", ",".join(COLUMNS[:_TOLD_BY]).encode())
     kind = CALIBRATION if sensor is not None else table
     check_outputs({path: kind}, force=force or None)
     read = read_line(line)
     if sensor is not None:
-        write_text(path, results.calibration_text(folder, sensor))
+        calibration = sensor_calibration(read, folder, sensor)
+        save(calibration, path)
+        _warn_of_outdated({sensor: calibration.provenance.get(OUTDATED, "")})
         print(f"wrote {path}")
         return
-    number = export_table(read, folder, path)
-    print(f"wrote {path}: {number} sensors")
+    outdated = export_table(read, folder, path)
+    _warn_of_outdated(outdated)
+    print(f"wrote {path}: {len(outdated)} sensors")
+
+
+def _warn_of_outdated(reasons: Mapping[str, str]) -> None:
+    from inercal.fleet.latest import outdated_lines
+
+    for text in outdated_lines(reasons):
+        print(f"inercal: warning: {text}; calibrate the line again", file=sys.stderr)
 
 
 def _calibrate(
@@ -253,6 +281,7 @@ def _calibrate(
     scheduler: str | None,
     batch: int | None,
     retry_failed: bool,
+    timeout: float | None,
 ) -> "Counts":
     from inercal.cli.console import progress_status
     from inercal.fleet.calibration import calibrate_line
@@ -264,6 +293,7 @@ def _calibrate(
         progress_status(f"{len(line.rows)} sensors") as update,
         open_tolerant_executor(workers, scheduler) as executor,
     ):
+        warn_of_root(scheduler)
         _name_dashboard(executor)
         return calibrate_line(
             line,
@@ -271,6 +301,7 @@ def _calibrate(
             out=folder,
             batch=batch,
             retry_failed=retry_failed,
+            timeout=timeout,
             progress=lambda counts: update(_progress_text(counts)),
         )
 
@@ -297,22 +328,33 @@ def _print_counts(counts: "Counts", content: dict[str, Any]) -> None:
     print(f"wrote {content['results']}")
 
 
-def _enter(folder: Path, address: str) -> tuple[str, int]:
+def _enter(line: "Line", folder: Path, address: str) -> tuple[str, int]:
     from inercal.cli.console import progress_status
     from inercal.fleet.registration import enter_results
     from inercal.store import Register
 
     with Register(address) as register, progress_status("entering calibrations") as update:
-        number = enter_results(folder, register, lambda k: update(f"{k} are in the register"))
+        number = enter_results(line, folder, register, lambda k: update(f"{k} are in the register"))
         return register.address, number
 
 
-def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
+def _say(text: str) -> None:
+    print(f"inercal: {text}", file=sys.stderr, flush=True)
+
+
+def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: float | None) -> None:
     """Print a line for each recording that arrives; the status is 3 where one did not pass."""
     import time
 
     from inercal.errors import InputError
-    from inercal.fleet.station import arriving_files, calibrate_arrival, known_versions
+    from inercal.fleet.station import (
+        StationResult,
+        arriving_files,
+        calibrate_arrival,
+        known_files,
+    )
+    from inercal.fleet.time_limit import TimeLimit
+    from inercal.parallel import open_tolerant_executor
 
     if not folder.is_dir():
         raise InputError(f"--watch {folder}: no such folder", key="--watch")
@@ -324,15 +366,21 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
     line.run(line.rows[0])  # a wrong template is refused before any recording
     suffixes = {Path(row.recording).suffix for row in line.rows}
     print(f"watching {folder}: {len(line.rows)} sensors", flush=True)
+    limit = TimeLimit(timeout)
     failed = done = 0
     try:
-        for path in arriving_files(folder, poll, known_versions(line, out), suffixes):
-            result = calibrate_arrival(line, path, out)
-            print(f"{'PASS' if result.passed else 'FAIL'} {result.id}: {result.reason}", flush=True)
-            failed += not result.passed
-            done += 1
-            if done == count:
-                break
+        with open_tolerant_executor(1) as executor:
+            for path in arriving_files(folder, poll, known_files(line, out), suffixes, _say):
+                try:
+                    result = calibrate_arrival(line, path, out, executor, limit)
+                except InputError as error:  # a disk is full, or away
+                    result = StationResult(path.stem, False, f"its result is not kept: {error}")
+                word = "PASS" if result.passed else "FAIL"
+                print(f"{word} {result.id}: {result.reason}", flush=True)
+                failed += not result.passed
+                done += 1
+                if done == count:
+                    break
     except KeyboardInterrupt:
         pass  # the usual end of a station
     print(f"{done - failed} passed, {failed} did not")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.worker_option import SCHEDULER, WORKERS
+from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
 
 NAME = "plan"
 _POSITIONS, _SECONDS = 24, 3.0  # by hand
@@ -88,6 +88,7 @@ def run(
     if trials is not None:
         raise InputError("--trials: goes with --optimise alone; remove it", key="--trials")
     with open_executor(workers, scheduler) as executor:
+        warn_of_root(scheduler)
         print_plan(run_file, keys, out, executor, force=force, json=json)
 
 

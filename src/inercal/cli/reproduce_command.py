@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.worker_option import SCHEDULER, WORKERS
+from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
 
 if TYPE_CHECKING:
     from inercal.studies import Study
@@ -53,6 +53,7 @@ def run(
     folder = Path() if out is None and not json else out
     if folder is not None:
         check_outputs({folder / f"{name}.study.html": PAGE})
+    warn_of_root(scheduler)
     with terminal(stderr=True).status(f"reproducing {name}") as status, executor:
         counts = (TRIALS if trials is None else trials, seed or 0)
         study = reproduce(name, *counts, status.update, executor)

@@ -8,6 +8,7 @@ from importlib.metadata import version
 import numpy as np
 
 from inercal.calibration.files import as_object
+from inercal.calibration.outdated import OUTDATED
 from inercal.export.cost import Cost, Loss, Samples
 from inercal.export.model import UNITS, ExportModel
 from inercal.export.ranges import Ranges
@@ -103,6 +104,8 @@ def _source_lines(model: ExportModel, source: str) -> list[str]:
     if created := calibration.provenance.get("created"):
         parts.append(f"of {created}")
     lines = [f"calibration: {', '.join(parts)}"]
+    if reason := calibration.provenance.get(OUTDATED):
+        lines.append(f"OUTDATED: {reason}")
     verdict = calibration.verdict
     if verdict is not None:
         mark = "NOT TO BE RELIED ON: " if verdict.grade == "unreliable" else "verdict: "

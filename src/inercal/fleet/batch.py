@@ -6,16 +6,18 @@ from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
 from inercal.errors import InercalError
 from inercal.fleet import results
+from inercal.fleet.inputs import INSTALLED
 from inercal.fleet.line import GROUPS, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, local_copy
 from inercal.io.column_table import file_sha256
+from inercal.parallel.steps import begin_step
 
 _ONE_LINE = 500  # characters of an error
 
@@ -31,11 +33,14 @@ class Work:
         Of its run file (`Line.digest`).
     version : Version
         Of its recording.
+    arrived : bool
+        Whether a station took the recording.
     """
 
     row: SensorRow
     digest: str
     version: Version
+    arrived: bool = False
 
 
 @dataclass(frozen=True)
@@ -46,24 +51,24 @@ class BatchDone:
     ----------
     done, failed : int
         Sensors.
-    seconds : float
-        Wall time of all of them.
+    seconds : tuple of float
+        Wall time of each of them.
     """
 
     done: int
     failed: int
-    seconds: float
+    seconds: tuple[float, ...]
 
 
-def compute_batch(line: Line, out: Path, work: Sequence[Work]) -> BatchDone:
-    """Calibrate sensors, and write their rows as one part.
+def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
+    """Calibrate sensors, and write their rows as one part; each sensor is a step of the task.
 
     Parameters
     ----------
     line : Line
         It need not have their rows.
-    out : Path
-        Of the parts.
+    out : ResultWriter
+        Of the results.
     work : sequence of Work
 
     Raises
@@ -71,11 +76,16 @@ def compute_batch(line: Line, out: Path, work: Sequence[Work]) -> BatchDone:
     InputError
         The part cannot be written.
     """
-    begin = perf_counter()
-    rows = [result_row(line, one) for one in work]
-    results.write_part(out, rows)
+    rows: list[dict[str, Any]] = []
+    times = [perf_counter()]
+    for number, one in enumerate(work):
+        begin_step(number)
+        rows.append(result_row(line, one))
+        times.append(perf_counter())
+    out.write(rows)
     done = sum(row["status"] == results.DONE for row in rows)
-    return BatchDone(done, len(rows) - done, perf_counter() - begin)
+    seconds = tuple(after - before for before, after in pairwise(times))
+    return BatchDone(done, len(rows) - done, seconds)
 
 
 def result_row(line: Line, work: Work) -> dict[str, Any]:
@@ -115,21 +125,21 @@ def failed_row(
 
 
 def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
-    installed = version("inercal")
     columns = dict(work.row.columns)
     named = {name: columns.pop(name, None) for name in GROUPS}
     return {
-        "key": results.row_key(recording_sha256, work.digest, installed),
+        "key": results.row_key(recording_sha256, work.digest, INSTALLED),
         "id": work.row.id,
         "recording": work.row.recording,
         **named,
         "table": list(columns.items()),
         "recording_sha256": recording_sha256,
         "sections_sha256": work.digest,
-        "inercal": installed,
+        "inercal": INSTALLED,
         "size": work.version.size,
         "mark": work.version.mark,
         "created": datetime.now(UTC).isoformat(timespec="microseconds"),
+        "arrived": work.arrived,
     }
 
 
@@ -139,7 +149,7 @@ def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
     from inercal.calibration.files import as_object, canonical_text
     from inercal.pipeline import calibrate
 
-    address, run = work.row.recording, line.run(work.row)
+    address, run = work.row.recording, line.run(work.row, work.digest)
     with local_copy(address) if is_address(address) else nullcontext() as copy:
         if copy is not None:
             run = replace(run, data=run.data.model_copy(update={"file": str(copy)}))

@@ -9,14 +9,19 @@ from pathlib import Path
 from inercal.errors import InercalError, InputError
 from inercal.fleet import results
 from inercal.fleet.batch import BatchDone, Work, compute_batch, failed_row
+from inercal.fleet.inputs import line_inputs
+from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
-from inercal.fleet.recordings import Version, version_of
+from inercal.fleet.recordings import ABSENT
+from inercal.fleet.results import ResultWriter
+from inercal.fleet.time_limit import TimeLimit
 from inercal.io.atomic_files import write_text
-from inercal.parallel import Settled, TolerantExecutor, WorkerLost
+from inercal.parallel import Settled, TimeExceeded, TolerantExecutor, WorkerLost
 
 TASK_SECONDS = 2.0  # of a batch: its overhead is then small, and little is lost with a worker
 _MOST_IN_BATCH = 200
 _WINDOW = 4  # batches a worker that are handed out
+_MOST_EARLY = 3  # sensors that are stopped before others are known
 SUMMARY = "_fleet.json"  # readers of datasets leave such names out
 
 
@@ -57,6 +62,7 @@ def calibrate_line(
     out: Path | None = None,
     batch: int | None = None,
     retry_failed: bool = False,
+    timeout: float | None = None,
     progress: Callable[[Counts], None] | None = None,
 ) -> Counts:
     """Calibrate the sensors of a line that have no result yet.
@@ -72,6 +78,9 @@ def calibrate_line(
         Sensors of a batch; by default as many as take two seconds.
     retry_failed : bool
         Whether sensors that failed with the same recording and run file are tried again.
+    timeout : float, optional
+        The longest time of a sensor, s; by default as of `TimeLimit`. A `SerialExecutor` has no
+        limit.
     progress : callable, optional
         Called after each batch.
 
@@ -83,16 +92,19 @@ def calibrate_line(
     """
     folder = line.folder / results.FOLDER if out is None else out
     counts = Counts(len(line.rows))
-    todo, refused = _pending(line, folder, retry_failed, counts)
+    todo, refused, latest = _pending(line, folder, retry_failed, counts)
     _refuse_wrong_run_files(line, todo, refused)
-    if refused:
+    if todo or refused:
+        writer = results.open_writer(folder, latest)
         rows = [
             failed_row(line.folder, work, str(error), type(error).__name__)
             for work, error in refused
         ]
-        results.write_part(folder, rows)
-        counts.failed += len(refused)
-    Scheduling(line, folder, executor, batch, counts, progress, compute_batch).run(todo)
+        if rows:
+            writer.write(rows)
+            counts.failed += len(rows)
+        limit = TimeLimit(timeout)
+        Scheduling(line, writer, executor, batch, counts, progress, compute_batch, limit).run(todo)
     write_summary(folder, counts)
     return counts
 
@@ -108,40 +120,23 @@ _Refused = tuple[Work, InercalError]
 
 def _pending(
     line: Line, folder: Path, retry_failed: bool, counts: Counts
-) -> tuple[list[Work], list[_Refused]]:
-    """Return the sensors to calibrate, and those whose recording is not there."""
-    known = _known_versions(folder, retry_failed)
-    installed = version("inercal")
+) -> tuple[list[Work], list[_Refused], int]:
+    """Return the sensors to calibrate, those without a recording, and the latest generation."""
+    now = line_inputs(line)
+    found = latest_results(line, folder, (), now).to_pylist()
+    counting: dict[str, str] = {row["id"]: row["status"] for row in found if not row[OUTDATED]}
     todo: list[Work] = []
     refused: list[_Refused] = []
-    for row in line.rows:
-        digest = line.digest(row)
-        try:
-            found = version_of(line.folder, row.recording)
-        except InputError as error:
-            refused.append((Work(row, digest, Version(0, "")), error))
-            continue
-        if known.get(row.id, _NONE)[:3] == (digest, found, installed):
+    for inputs in now.values():
+        status = counting.get(inputs.row.id)
+        if status is not None and (status == results.DONE or not retry_failed):
             counts.kept += 1
-            counts.kept_failed += known[row.id][3] != results.DONE
+            counts.kept_failed += status != results.DONE
+        elif isinstance(inputs.found, InputError):
+            refused.append((Work(inputs.row, inputs.digest, ABSENT), inputs.found))
         else:
-            todo.append(Work(row, digest, found))
-    return todo, refused
-
-
-_Known = tuple[str, Version, str, str]
-_NONE: _Known = ("", Version(0, ""), "", "")
-
-
-def _known_versions(folder: Path, retry_failed: bool) -> dict[str, _Known]:
-    """Return digest of the run file, versions of recording and inercal, and status of results."""
-    columns = ("id", "sections_sha256", "size", "mark", "status", "inercal")
-    found: dict[str, _Known] = {}
-    for row in results.read_results(folder, columns).to_pylist():
-        if row["status"] == results.DONE or not retry_failed:
-            mark = Version(row["size"], row["mark"])
-            found[row["id"]] = (row["sections_sha256"], mark, row["inercal"], row["status"])
-    return found
+            todo.append(Work(inputs.row, inputs.digest, inputs.found))
+    return todo, refused, max((row["generation"] or 0 for row in found), default=0)
 
 
 def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused]) -> None:
@@ -160,7 +155,7 @@ def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused
         shape = line.shape(work.row)
         if shape not in errors:
             try:
-                line.run(work.row)
+                line.run(work.row, work.digest)
                 errors[shape] = None
             except InercalError as error:
                 has_file = isinstance(error, InputError) and error.file is not None
@@ -175,7 +170,7 @@ def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused
     todo[:] = kept
 
 
-_Compute = Callable[[Line, Path, Sequence[Work]], BatchDone]
+_Compute = Callable[[Line, ResultWriter, Sequence[Work]], BatchDone]
 
 
 class Scheduling:
@@ -184,8 +179,8 @@ class Scheduling:
     Parameters
     ----------
     line : Line
-    out : Path
-        Of the parts.
+    out : ResultWriter
+        Of the results.
     executor : TolerantExecutor
     batch : int or None
         Sensors of a batch; None for as many as take two seconds.
@@ -195,25 +190,31 @@ class Scheduling:
         Called with the counts after each batch.
     compute : callable
         Computes a batch: from the line without its rows, `out` and the work.
+    limit : TimeLimit
+        Of a sensor.
     """
 
     def __init__(
         self,
         line: Line,
-        out: Path,
+        out: ResultWriter,
         executor: TolerantExecutor,
         batch: int | None,
         counts: Counts,
         progress: Callable[[Counts], None] | None,
         compute: _Compute,
+        limit: TimeLimit,
     ):
-        self._compute = compute
+        self._compute, self._limit = compute, limit
+        executor.limit = self._longest
         self._line, self._out, self._executor = replace(line, rows=()), out, executor
         self._workers, self._batch = executor.workers, batch
         self._counts, self._progress = counts, progress
         self._under_way: dict[int, Sequence[Work]] = {}
         self._measured = 0
         self._seconds = 0.0
+        self._stopped_early: set[str] = set()  # ids
+        self._postponed: list[Work] = []
 
     def run(self, todo: Iterable[Work]) -> None:
         """Calibrate the sensors."""
@@ -224,6 +225,13 @@ class Scheduling:
             if self._progress is not None:
                 self._progress(self._counts)
             self._hand_out(waiting)
+
+    def _longest(self, index: int, step: int) -> float:
+        """Return the longest time of a sensor of a batch, s."""
+        work, stopped = self._under_way[index][step], self._stopped_early
+        others = self._counts.sensors - self._counts.settled > 1
+        early = others and work.row.id not in stopped and len(stopped) < _MOST_EARLY
+        return self._limit.seconds(work.version.size, early=early)
 
     def _size(self) -> int:
         """Return how many sensors take two seconds; one, until that is known."""
@@ -239,6 +247,8 @@ class Scheduling:
         window = self._workers * (_WINDOW if known else 1)
         while len(self._under_way) < window:
             some = [work for _, work in zip(range(self._size()), waiting, strict=False)]
+            if not some and self._postponed and not self._under_way:
+                some = [self._postponed.pop()]
             if not some:
                 return
             self._submit(some)
@@ -250,7 +260,9 @@ class Scheduling:
 
     def _take_back(self, settled: Settled) -> None:
         work = self._under_way.pop(settled.index)
-        if isinstance(settled.error, WorkerLost):
+        if isinstance(settled.error, TimeExceeded):
+            self._answer_excess(work, settled.error)
+        elif isinstance(settled.error, WorkerLost):
             self._answer_loss(work, settled.error)
         elif settled.error is not None:
             raise settled.error
@@ -259,7 +271,8 @@ class Scheduling:
             self._counts.done += done.done
             self._counts.failed += done.failed
             self._measured += len(work)
-            self._seconds += done.seconds
+            self._seconds += sum(done.seconds)
+            self._limit.note([one.version.size for one in work], done.seconds)
 
     def _answer_loss(self, work: Sequence[Work], error: WorkerLost) -> None:
         """Send the sensors of a lost batch again one by one; one that is alone is the cause."""
@@ -267,6 +280,21 @@ class Scheduling:
             for one in work:
                 self._submit([one])
             return
-        row = failed_row(self._line.folder, work[0], str(error), "WorkerLost", status=results.LOST)
-        results.write_part(self._out, [row])
+        self._lose(work[0], str(error), error)
+
+    def _answer_excess(self, work: Sequence[Work], error: TimeExceeded) -> None:
+        """Name the sensor that took too long, and send the others of its batch again."""
+        late = work[error.step]
+        if others := [one for one in work if one is not late]:
+            self._submit(others)
+        if error.limit < self._limit.seconds(late.version.size):
+            self._stopped_early.add(late.row.id)
+            self._postponed.append(late)
+        else:
+            self._lose(late, self._limit.reason(error.limit), error)
+
+    def _lose(self, work: Work, reason: str, error: WorkerLost) -> None:
+        name = type(error).__name__
+        row = failed_row(self._line.folder, work, reason, name, status=results.LOST)
+        self._out.write([row])
         self._counts.lost += 1

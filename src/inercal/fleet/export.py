@@ -3,26 +3,33 @@
 import csv
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
+from inercal.calibration import Calibration
+from inercal.calibration.files import parse
+from inercal.calibration.outdated import marked_as_outdated
 from inercal.errors import InputError
 from inercal.fleet import results
-from inercal.fleet.line import Line, SensorRow
+from inercal.fleet.latest import OUTDATED, latest_results, latest_rows_by_part
+from inercal.fleet.line import RECORDING, Line, SensorRow
 from inercal.io.atomic_files import atomic_write, atomic_write_all, make_folder
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.visible_text import spreadsheet_cell
 
 COLUMNS = (
     "id", "recording", "lot", "station", "measured", "status", "error", "grade", "conformity",
-    "chi2", "dof", "recording_sha256",
+    "chi2", "dof", "recording_sha256", OUTDATED,
 )  # fmt: skip
 SUFFIXES = (".csv", ".parquet")
 
 
-def export_table(line: Line, folder: Path, path: Path) -> int:
-    """Write the results of a line as a CSV or Parquet table; return the number of sensors.
+def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
+    """Write the results of a line as a CSV or Parquet table.
+
+    Returns for each sensor why its result is outdated, as its column says; empty where it is not.
 
     Parameters
     ----------
@@ -40,9 +47,9 @@ def export_table(line: Line, folder: Path, path: Path) -> int:
     """
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: the suffix must be {' or '.join(SUFFIXES)}", file=path)
-    columns = (*COLUMNS, "table", "coefficients", "value", "std")
+    columns = (*COLUMNS, "coefficients", "value", "std")
     by_id = {row.id: row for row in line.rows}
-    rows = [r for r in results.read_results(folder, columns).to_pylist() if r["id"] in by_id]
+    rows = latest_results(line, folder, columns).to_pylist()
     if not rows:
         raise InputError(f"{folder}: no results; calibrate the line first", file=folder)
     # One sensor of each set of coefficients says their units.
@@ -52,7 +59,7 @@ def export_table(line: Line, folder: Path, path: Path) -> int:
         sensor = line.run(one).sensor.with_coefficients(*names.split())
         terms = [sensor.coefficient(name) for name in sensor.coefficients]
         units |= dict(zip(sensor.coefficients, [(t.unit, t.si) for t in terms], strict=True))
-    table = [_wide_row(row, units) for row in rows]
+    table = [_wide_row(by_id[row["id"]], row, units) for row in rows]
     with atomic_write(path) as temporary:
         if path.suffix == ".csv":
             with temporary.open("w", encoding="utf-8", newline="") as file:
@@ -63,7 +70,7 @@ def export_table(line: Line, folder: Path, path: Path) -> int:
             arrow: Any = import_module("pyarrow")
             parquet: Any = import_module("pyarrow.parquet")
             parquet.write_table(arrow.Table.from_pylist(table), temporary)
-    return len(table)
+    return {row["id"]: row[OUTDATED] for row in rows}
 
 
 def _cell(value: Any) -> Any:
@@ -73,9 +80,14 @@ def _cell(value: Any) -> Any:
     return "" if value is None or value != value else value
 
 
-def _wide_row(row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]) -> dict[str, Any]:
+def _wide_row(
+    sensor: SensorRow, row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]
+) -> dict[str, Any]:
     wide: dict[str, Any] = {name: row[name] for name in COLUMNS}
-    wide |= dict(cast("list[tuple[str, str]]", row["table"] or []))
+    if not row["arrived"]:
+        wide[RECORDING] = sensor.recording
+    # As the table is now: a column that no result depends on may have changed since.
+    wide |= sensor.columns
     names: Sequence[str] = (row["coefficients"] or "").split()
     values = dict(zip(names, zip(row["value"] or (), row["std"] or (), strict=True), strict=True))
     for name, (unit, si) in units.items():
@@ -96,11 +108,14 @@ class FleetExport(NamedTuple):
         Why a sensor has no file, by id.
     unreliable : tuple of str
         Ids of the sensors with a file whose calibration is not to be relied on.
+    outdated : mapping of str to str
+        Why the result of a sensor with a file is outdated, as the file says, by id.
     """
 
     files: tuple[Path, ...]
     without: Mapping[str, str]
     unreliable: tuple[str, ...]
+    outdated: Mapping[str, str]
 
 
 def export_files(
@@ -140,18 +155,17 @@ def export_files(
         No results, a column that is missing or empty, a file that exists, or what the target
         refuses, with the sensor. No file is written then.
     """
-    from inercal.calibration.files import parse
     from inercal.export import TARGETS, export_calibration
 
     target = TARGETS.find(to)
     texts: dict[Path, str] = {}
     without: dict[str, str] = {}
     unreliable: list[str] = []
+    outdated: dict[str, str] = {}
     by_id = {row.id: row for row in line.rows}
-    for rows in results.last_rows_by_part(folder, ("status", "error", "grade", "calibration")):
+    columns_read = ("status", "error", "grade", "calibration")
+    for rows in latest_rows_by_part(line, folder, columns_read):
         for row in rows:
-            if row["id"] not in by_id:
-                continue
             if row["status"] != results.DONE:
                 without[row["id"]] = row["error"] or row["status"]
                 continue
@@ -160,9 +174,13 @@ def export_files(
                 raise InputError(f"{path} exists: name another folder, or use --force", file=path)
             if row["grade"] == "unreliable":
                 unreliable.append(row["id"])
+            if row[OUTDATED]:
+                outdated[row["id"]] = row[OUTDATED]
             try:
                 stated = dict(options or {}) | _from_columns(by_id[row["id"]], columns or {})
-                calibration = parse(row["calibration"], row["id"])
+                calibration = marked_as_outdated(
+                    parse(row["calibration"], row["id"]), row[OUTDATED]
+                )
                 made = export_calibration(
                     calibration,
                     to,
@@ -180,7 +198,29 @@ def export_files(
     with atomic_write_all(list(texts)) as parts:
         for part, text in zip(parts, texts.values(), strict=True):
             part.write_text(text, encoding="utf-8")
-    return FleetExport(tuple(texts), without, tuple(unreliable))
+    return FleetExport(tuple(texts), without, tuple(unreliable), outdated)
+
+
+def sensor_calibration(line: Line, folder: Path, name: str) -> Calibration:
+    """Return the calibration of a sensor; the provenance of an outdated one says why it is.
+
+    Raises
+    ------
+    InputError
+        No such sensor, or one without a calibration.
+    """
+    sensor = tuple(row for row in line.rows if row.id == name)
+    columns = ("status", "error", "calibration")
+    parts = latest_rows_by_part(replace(line, rows=sensor), folder, columns)
+    found = next((row for rows in parts for row in rows), None)
+    if found is None:
+        what = "no result yet; calibrate the line" if sensor else "it is not in the table"
+        raise InputError(f"{folder}: sensor {name!r}: {what}", file=folder, names=(name,))
+    if found["status"] != results.DONE:
+        raise InputError(
+            f"{folder}: sensor {name!r} was not calibrated: {found['error']}", file=folder
+        )
+    return marked_as_outdated(parse(found["calibration"], name), found[OUTDATED])
 
 
 def _sensor_file(out: Path, name: str, suffix: str) -> Path:

@@ -28,9 +28,7 @@ def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
 def _findings(found: FleetStatistics) -> list[str]:
     texts: list[str] = []
     if found.population.outdated:
-        texts.append(
-            f"{found.population.outdated} results are by another run file: calibrate the line again"
-        )
+        texts.append(f"{found.population.outdated} results are outdated: calibrate the line again")
     if found.outliers:
         texts.append(
             f"{len(found.outliers)} outliers ({found.outliers_by_chance:g} expected by chance)"

@@ -11,7 +11,8 @@ A column whose name has a dot, such as `bench.gravity`, is the value of that key
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from difflib import get_close_matches
@@ -22,7 +23,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from inercal.errors import InputError, require_extra
-from inercal.small_files import check_columns, csv_lines, read_toml
+from inercal.io.column_table import file_sha256
+from inercal.small_files import check_columns, csv_lines, is_file, read_toml, texts_of
 
 if TYPE_CHECKING:
     from inercal.runfile import Run
@@ -82,8 +84,14 @@ class Line:
         """The columns that the template names."""
         return frozenset(name for name, _ in _PLACEHOLDER.findall(self._template_text))
 
-    def run(self, row: SensorRow) -> "Run":
+    def run(self, row: SensorRow, digest: str | None = None) -> "Run":
         """Return the run of a sensor, checked.
+
+        Parameters
+        ----------
+        row : SensorRow
+        digest : str, optional
+            Of its run file, where it is known.
 
         Raises
         ------
@@ -92,10 +100,10 @@ class Line:
         """
         from inercal.runfile import from_sections  # methods load where work is done
 
-        return from_sections(self.path, self.sections(row), self.digest(row))
+        return from_sections(self.path, self.sections(row), digest or self.digest(row))
 
     def digest(self, row: SensorRow) -> str:
-        """Return the SHA-256 of the template and of what fills it for a sensor.
+        """Return the SHA-256 of the template, what fills it for a sensor, and the files it names.
 
         A column that neither the template nor the results use changes nothing.
         """
@@ -103,7 +111,11 @@ class Line:
         used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns.get(name)]
         # What is at the recording's place is told by its own hash.
         place = row.recording if RECORDING in self.placeholders else ""
-        hashed.update("\0".join((row.id, place, *used)).encode())
+        values = {ID: row.id, RECORDING: row.recording, **row.columns}
+        texts = [_PLACEHOLDER.sub(lambda one: values[one[1]], text) for text in self._varying]
+        texts += [text for name, text in row.columns.items() if "." in name]
+        named = file_digests(self.folder, texts, leave_out=row.recording)
+        hashed.update("\0".join((row.id, place, *used, *named)).encode())
         return hashed.hexdigest()
 
     def shape(self, row: SensorRow) -> tuple[str, ...]:
@@ -117,7 +129,14 @@ class Line:
 
     @cached_property
     def _template_hash(self) -> Any:
-        return sha256(self._template_text.encode())
+        # Files that are the same for all sensors are read once.
+        named = file_digests(self.folder, texts_of(self.template))
+        return sha256("\0".join((self._template_text, *named)).encode())
+
+    @cached_property
+    def _varying(self) -> tuple[str, ...]:
+        """The texts of the template that differ from sensor to sensor."""
+        return tuple(text for text in texts_of(self.template) if _PLACEHOLDER.search(text))
 
     @cached_property
     def _used(self) -> tuple[str, ...]:
@@ -285,6 +304,25 @@ def _number(text: str, column: str) -> float | int:
         return float(text)
     except ValueError:
         raise InputError(f"column {column}: {text!r} is not a number", names=(column,)) from None
+
+
+def file_digests(folder: Path, texts: Iterable[str], leave_out: str = "") -> list[str]:
+    """Return name and SHA-256 of each file of a folder that one of the texts names.
+
+    Parameters
+    ----------
+    folder : Path
+    texts : iterable of str
+        Of a run file.
+    leave_out : str, optional
+        A name that is left out.
+    """
+    found: list[str] = []
+    for text in dict.fromkeys(texts):
+        if text and text != leave_out and is_file(folder / text):
+            with suppress(OSError):  # who reads it for a calibration says so
+                found.append(f"{text}={file_sha256(folder / text)}")
+    return found
 
 
 def _override(sections: dict[str, Any], dotted: str, text: str) -> None:

@@ -16,6 +16,7 @@ from inercal.arrays import Array
 from inercal.calibration.specification import Specification
 from inercal.errors import InputError
 from inercal.fleet import results
+from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
 from inercal.sensors.coefficient_tables import ErrorTerm
 from inercal.uncertainty.conformity import RESULTS, DecisionRule
@@ -24,7 +25,7 @@ Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 _COLUMNS = (
     "status", "grade", "lot", "station", "measured", "coefficients", "value", "std", "chi2", "dof",
-    "conformity", "sections_sha256",
+    "conformity",
 )  # fmt: skip
 _DAY = 86_400.0  # s
 
@@ -75,7 +76,7 @@ class Population:
     left_out : mapping of str to int
         Sensors that are not in the arrays, by reason.
     outdated : int
-        Results by another run file than the template and the table make now.
+        Results where a calibration now may give another one.
     """
 
     ids: tuple[str, ...]
@@ -108,7 +109,7 @@ def read_population(line: Line, folder: Path) -> Population:
     InputError
         No results, or no calibrated sensor.
     """
-    table = results.read_results(folder, _COLUMNS)
+    table = latest_results(line, folder, _COLUMNS)
     place = {row.id: k for k, row in enumerate(line.rows)}
     known = [place.get(name, -1) for name in table["id"].to_pylist()]
     status, sets = table["status"].to_pylist(), table["coefficients"].to_pylist()
@@ -147,12 +148,7 @@ def read_population(line: Line, folder: Path) -> Population:
         specification,
         judged,
         _left_out(len(line.rows), known, status, done, len(rows)),
-        sum(
-            line.digest(line.rows[place[name]]) != digest
-            for name, digest in zip(
-                table["id"].to_pylist(), table["sections_sha256"].to_pylist(), strict=True
-            )
-        ),
+        sum(map(bool, table[OUTDATED].to_pylist())),
     )
 
 

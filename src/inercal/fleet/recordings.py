@@ -20,11 +20,16 @@ class Version:
     size : int
         Bytes.
     mark : str
-        Time of the last change, or the store's tag of the content.
+        Times of the last change of content and of attributes, which are only compared for
+        equality, or the store's tag of the content. Loggers without a clock give equal times of
+        content; a copy that keeps them has another time of attributes.
     """
 
     size: int
     mark: str
+
+
+ABSENT = Version(0, "")  # of a recording that is not there
 
 
 def is_address(recording: str) -> bool:
@@ -53,7 +58,7 @@ def version_of(folder: Path, recording: str) -> Version:
         found = path.stat()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}", file=path) from None
-    return Version(found.st_size, str(found.st_mtime_ns))
+    return Version(found.st_size, f"{found.st_mtime_ns} {found.st_ctime_ns}")
 
 
 @contextmanager

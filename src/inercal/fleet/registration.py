@@ -7,20 +7,23 @@ from typing import Any
 
 from inercal.calibration.files import parse
 from inercal.fleet import results
+from inercal.fleet.latest import OUTDATED, latest_rows_by_part
+from inercal.fleet.line import Line
 from inercal.store import Register
 
 _COLUMNS = ("status", "calibration", "measured")
 
 
 def enter_results(
-    folder: Path, register: Register, progress: Callable[[int], None] | None = None
+    line: Line, folder: Path, register: Register, progress: Callable[[int], None] | None = None
 ) -> int:
     """Enter the calibrations of a fleet that the register lacks; return how many it has of them.
 
-    A part is a transaction, and what is in memory.
+    A part is a transaction, and what is in memory. Outdated results are not entered.
 
     Parameters
     ----------
+    line : Line
     folder : Path
         Of the parts.
     register : Register
@@ -33,8 +36,8 @@ def enter_results(
         The register cannot be written; what was entered stays, and is not entered twice.
     """
     done = 0
-    for rows in results.last_rows_by_part(folder, _COLUMNS):
-        found = [row for row in rows if row["status"] == results.DONE]
+    for rows in latest_rows_by_part(line, folder, _COLUMNS):
+        found = [row for row in rows if row["status"] == results.DONE and not row[OUTDATED]]
         _enter_part(found, register, str(folder))
         done += len(found)
         if progress is not None:

@@ -2,11 +2,15 @@
 
 A row stands for one sensor, calibrated or not, under its key: the hash of its recording, of its run
 file as filled and of the version of inercal. Nothing else is the state of a fleet: a part that is
-there is done, one that is not there is to do. Of several rows of one sensor the last counts.
+there is done, one that is not there is to do.
+
+Rows are numbered by generations: each run and each recording at a station takes the next number of
+the folder, `_generation-N`. Which of several rows of one sensor counts is said by
+`inercal.fleet.latest`.
 """
 
-import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
@@ -16,13 +20,14 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError, require_extra
-from inercal.io.atomic_files import atomic_write
+from inercal.io.atomic_files import atomic_write, make_folder
 
 Table = Any  # pyarrow.Table, which is untyped
 
 FOLDER = "fleet"
 DONE, FAILED, LOST = "done", "failed", "lost"
 _PART = "part-"
+_NUMBER = "_generation-"  # readers of datasets leave such names out
 
 
 def schema() -> Any:
@@ -31,7 +36,8 @@ def schema() -> Any:
     `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if any;
     `coefficients` are names with spaces between them, in the order of `value`, `std` (SI) and of
     the rows of `covariance`, the lower triangle row by row; `table` are the further columns of the
-    table of sensors; `calibration` is the calibration file.
+    table of sensors; `calibration` is the calibration file; `arrived` says that a station took the
+    recording, which may lie elsewhere than the table says.
     """
     pa = _arrow()
     text, real = pa.string(), pa.float64()
@@ -45,7 +51,8 @@ def schema() -> Any:
             ("coefficients", text), ("value", pa.list_(real)), ("std", pa.list_(real)),
             ("covariance", pa.list_(real)), ("calibration", text), ("recording_sha256", text),
             ("sections_sha256", text), ("inercal", text), ("size", pa.int64()), ("mark", text),
-            ("seconds", real), ("created", text),
+            ("seconds", real), ("created", text), ("generation", pa.int64()),
+            ("arrived", pa.bool_()),
         ]
     )  # fmt: skip
 
@@ -73,117 +80,105 @@ def from_lower_triangle(values: Sequence[float]) -> Array:
     return matrix + np.tril(matrix, -1).T
 
 
-def write_part(folder: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
-    """Write rows as one part, completely or not at all; the same rows have the same name.
-
-    Raises
-    ------
-    InputError
-        The part cannot be written: a full disk, no permission.
-    """
-    pa, pq = _arrow(), _arrow("pyarrow.parquet")
-    keys = sha256(" ".join(sorted(row["key"] for row in rows)).encode()).hexdigest()[:24]
-    path = folder / f"{_PART}{keys}.parquet"
-    table = pa.Table.from_pylist(list(rows), schema=schema())
-    with atomic_write(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
-    return path
-
-
-def read_results(folder: Path, columns: Iterable[str] | None = None) -> Table:
-    """Return the last row of each sensor, sorted by id.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the parts; it need not exist.
-    columns : iterable of str, optional
-        Only these, and those that are needed here.
-
-    Raises
-    ------
-    InputError
-        A part that is damaged.
-    """
-    pa, pc = _arrow(), _arrow("pyarrow.compute")
-    wanted = None if columns is None else list(dict.fromkeys(("id", "created", *columns)))
-    tables = [_read_part(path, wanted) for path in _parts(folder)]
-    if not tables:
-        fields = [one for one in schema() if wanted is None or one.name in wanted]
-        return pa.schema(fields).empty_table()
-    whole = pa.concat_tables(tables, promote_options="default")
-    for field in schema():
-        if field.name not in whole.column_names and (wanted is None or field.name in wanted):
-            whole = whole.append_column(field, pa.nulls(len(whole), field.type))
-    order = pc.sort_indices(whole, sort_keys=[("id", "ascending"), ("created", "ascending")])
-    whole = whole.take(order)
-    names = whole["id"].combine_chunks()
-    if len(names) > 1:
-        last = np.append(pc.not_equal(names[1:], names[:-1]).to_numpy(zero_copy_only=False), True)
-        whole = whole.filter(pa.array(last))
-    return whole
-
-
-def last_rows_by_part(folder: Path, columns: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
-    """Yield, part by part, the rows that are the last of their sensor: in the memory of a part.
+@dataclass(frozen=True)
+class ResultWriter:
+    """Writes the results of one run, which are of one generation.
 
     Parameters
     ----------
     folder : Path
         Of the parts.
-    columns : iterable of str
-        Of the rows, in addition to `id` and `created`.
+    generation : int
+        Larger than that of all results that were there when it was taken.
+    """
+
+    folder: Path
+    generation: int
+
+    def write(self, rows: Sequence[Mapping[str, Any]]) -> Path:
+        """Write rows as one part, completely or not at all; the same rows have the same name.
+
+        Raises
+        ------
+        InputError
+            The part cannot be written: a full disk, no permission.
+        """
+        pa, pq = _arrow(), _arrow("pyarrow.parquet")
+        keys = sha256(" ".join(sorted(row["key"] for row in rows)).encode()).hexdigest()[:24]
+        path = self.folder / f"{_PART}{keys}.parquet"
+        numbered = [{**row, "generation": self.generation} for row in rows]
+        table = pa.Table.from_pylist(numbered, schema=schema())
+        with atomic_write(path) as temporary:
+            pq.write_table(table, temporary, compression="zstd")
+        return path
+
+
+def open_writer(folder: Path, above: int = 0) -> ResultWriter:
+    """Return the writer of the next generation of a folder; no other process gets the same one.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the parts; it is made where it does not exist.
+    above : int
+        The latest generation of its results, as far as the caller knows it.
 
     Raises
     ------
     InputError
-        A part that is damaged.
+        The folder cannot be written.
     """
-    table = read_results(folder, ())
-    last = dict(zip(table["id"].to_pylist(), table["created"].to_pylist(), strict=True))
-    for path in _parts(folder):
-        rows = _read_part(path, ["id", "created", *columns]).to_pylist()
-        yield [row for row in rows if last[row["id"]] == row["created"]]
+    make_folder(folder)
+    number = 1 + max(above, *_taken_numbers(folder), 0)
+    try:
+        while True:
+            (folder / f"{_NUMBER}{number}").touch(exist_ok=False)
+            # Another process may have taken this number and later ones, and removed it.
+            if (largest := max(_taken_numbers(folder))) == number:
+                break
+            (folder / f"{_NUMBER}{number}").unlink(missing_ok=True)
+            number = 1 + largest
+    except FileExistsError:
+        return open_writer(folder, number)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written: {error.strerror}", file=folder) from None
+    for smaller in _taken_numbers(folder):
+        if smaller < number:
+            (folder / f"{_NUMBER}{smaller}").unlink(missing_ok=True)
+    return ResultWriter(folder, number)
 
 
-def calibration_text(folder: Path, name: str) -> str:
-    """Return the calibration file of a sensor.
-
-    Raises
-    ------
-    InputError
-        No such sensor, or one without a calibration.
-    """
-    found: dict[str, Any] | None = None
-    for path in _parts(folder):
-        ids = _read_part(path, ["id", "created"]).to_pylist()
-        times = [row["created"] for row in ids if row["id"] == name]
-        if times and (found is None or times[-1] > found["created"]):
-            rows = _read_part(path, ["id", "created", "status", "error", "calibration"])
-            found = next(row for row in reversed(rows.to_pylist()) if row["id"] == name)
-    if found is None:
-        raise InputError(f"{folder}: no sensor {name!r}", file=folder, names=(name,))
-    if found["status"] != DONE:
-        raise InputError(
-            f"{folder}: sensor {name!r} was not calibrated: {found['error']}", file=folder
-        )
-    content = json.loads(found["calibration"])
-    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+def _taken_numbers(folder: Path) -> list[int]:
+    names = (path.name.removeprefix(_NUMBER) for path in folder.glob(f"{_NUMBER}*"))
+    return [int(name) for name in names if name.isdecimal()]
 
 
-def _parts(folder: Path) -> list[Path]:
+def part_paths(folder: Path) -> list[Path]:
+    """Return the parts of a folder, which need not exist."""
     return sorted(folder.glob(f"{_PART}*.parquet"))
 
 
-def _read_part(path: Path, columns: Sequence[str] | None) -> Table:
-    """Return columns of a part; parts of an earlier version may lack some of them."""
+def read_part(path: Path, columns: Sequence[str] | None) -> Table:
+    """Return a part with all columns, or with those that are named.
+
+    Columns that a part of an earlier version lacks are null.
+
+    Raises
+    ------
+    InputError
+        The part is damaged.
+    """
     pa, pq = _arrow(), _arrow("pyarrow.parquet")
+    fields = [one for one in schema() if columns is None or one.name in columns]
     try:
         known = set(pq.read_schema(path).names)
-        there = columns and [name for name in columns if name in known]
-        return pq.read_table(path, columns=there)
+        table = pq.read_table(path, columns=[one.name for one in fields if one.name in known])
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(
             f"{path}: damaged ({str(error).splitlines()[0]}); remove it and calibrate again",
             file=path,
         ) from None
+    for one in fields:
+        if one.name not in known:
+            table = table.append_column(one, pa.nulls(len(table), one.type))
+    return table.select([one.name for one in fields])

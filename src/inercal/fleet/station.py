@@ -1,16 +1,23 @@
 """A station of a line: each recording that arrives in a folder is calibrated at once."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
 
 from inercal.calibration.files import parse
 from inercal.calibration.specification import conformity_lines
 from inercal.errors import InputError
 from inercal.fleet import results
-from inercal.fleet.batch import Work, result_row
+from inercal.fleet.batch import Work, failed_row, result_row
+from inercal.fleet.inputs import COMPARED, sensor_inputs
 from inercal.fleet.line import BARCODE, ID, Line, SensorRow
-from inercal.fleet.recordings import Version, version_of
+from inercal.fleet.recordings import Version, is_address, version_of
+from inercal.fleet.time_limit import TimeLimit
+from inercal.io.column_table import file_sha256
+from inercal.parallel import SerialExecutor, TimeExceeded, TolerantExecutor, WorkerLost
 
 _HIDDEN = (".", "~")
 
@@ -35,47 +42,86 @@ class StationResult:
     reason: str
 
 
+class KnownFile(NamedTuple):
+    """A file that has arrived: its version, and the SHA-256 of its content."""
+
+    version: Version
+    sha256: str
+
+
 def arriving_files(
     folder: Path,
     poll: Callable[[], bool],
-    known: Mapping[str, Version] | None = None,
+    known: Mapping[str, KnownFile] | None = None,
     suffixes: Collection[str] = (),
+    say: Callable[[str], None] = print,
 ) -> Iterator[Path]:
     """Yield each file of a folder once it is complete: of equal size and time at two polls.
 
-    Files that are there at the first poll arrive, too, but for those that are known.
+    Files that are there at the first poll arrive, too, but for those that are known. Files may
+    vanish, and so may the folder, which is waited for.
 
     Parameters
     ----------
     folder : Path
     poll : callable
         Waits for the next poll; false ends it.
-    known : mapping of str to Version, optional
-        By path: files that do not arrive again unless they change.
+    known : mapping of str to KnownFile, optional
+        By path: files that do not arrive again unless their content changes.
     suffixes : collection of str
         Of recordings; none for any file.
+    say : callable
+        Is told once when the folder is away, and when it is there again.
     """
     before: dict[Path, Version] = {}
-    taken: dict[str, Version] = dict(known or {})
+    taken: dict[str, KnownFile] = dict(known or {})
+    away = False
     while True:
-        now = {
-            path: version_of(folder, path.name)
-            for path in sorted(folder.iterdir())
-            if path.is_file()
-            and not path.name.startswith(_HIDDEN)
-            and (not suffixes or path.suffix in suffixes)
-        }
+        now = _present_files(folder, suffixes)
+        if (now is None) != away:
+            away = now is None
+            say(f"{folder} cannot be read; waiting for it" if away else f"{folder} is there again")
+        now = now or {}
         for path, version in now.items():
+            if not version.size or before.get(path) != version:
+                continue
             place = str(path.resolve())
-            if version.size and before.get(path) == version and taken.get(place) != version:
-                taken[place] = version
+            last = taken.get(place)
+            if last is not None and last.version == version:
+                continue
+            try:
+                taken[place] = KnownFile(version, file_sha256(path))
+            except OSError:
+                continue  # it has vanished
+            if last is None or last.sha256 != taken[place].sha256:
                 yield path
         before = now
         if not poll():
             return
 
 
-def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
+def _present_files(folder: Path, suffixes: Collection[str]) -> dict[Path, Version] | None:
+    """Return the versions of the recordings in a folder; None where it cannot be read."""
+    found: dict[Path, Version] = {}
+    try:
+        for path in sorted(folder.iterdir()):
+            if path.name.startswith(_HIDDEN) or (suffixes and path.suffix not in suffixes):
+                continue
+            with suppress(InputError):  # it has vanished since
+                if path.is_file():
+                    found[path] = version_of(folder, path.name)
+    except OSError:
+        return None
+    return found
+
+
+def calibrate_arrival(
+    line: Line,
+    path: Path,
+    out: Path,
+    executor: TolerantExecutor | None = None,
+    limit: TimeLimit | None = None,
+) -> StationResult:
     """Calibrate a recording that arrived, and keep its row.
 
     Its sensor is the row whose column `barcode` or whose id is the file's name without suffix, or
@@ -87,6 +133,10 @@ def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
     path : Path
     out : Path
         Folder of the results.
+    executor : TolerantExecutor, optional
+        Where it is calibrated; by default in this process.
+    limit : TimeLimit, optional
+        Of the recordings of a station.
 
     Raises
     ------
@@ -101,8 +151,10 @@ def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
         version = version_of(line.folder, row.recording)
     except InputError as error:
         return StationResult(row.id, False, str(error))
-    found = result_row(line, Work(row, line.digest(row), version))
-    results.write_part(out, [found])
+    line = replace(line)  # the files that it names may have changed since it was read
+    work = Work(row, line.digest(row), version, arrived=True)
+    found = _result_within(limit or TimeLimit(), executor or SerialExecutor(), line, work)
+    results.open_writer(out).write([found])
     if found["status"] != results.DONE:
         return StationResult(row.id, False, found["error"])
     summary = found["verdict"].partition("\n")[0]
@@ -112,6 +164,25 @@ def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
         reason = f"{limits[min(1, len(limits) - 1)]}; {reason}"
     accepted = found["conformity"] in (None, "pass")
     return StationResult(row.id, accepted and found["grade"] != "unreliable", reason)
+
+
+def _result_within(
+    limit: TimeLimit, executor: TolerantExecutor, line: Line, work: Work
+) -> dict[str, Any]:
+    """Return the row of a sensor, which is lost where it kills its process or takes too long."""
+    size = work.version.size
+    executor.limit = lambda _index, _step: limit.seconds(size)
+    executor.submit(result_row, replace(line, rows=()), work)
+    begin = perf_counter()
+    (settled,) = executor.settled()
+    if settled.error is None:
+        limit.note([size], [perf_counter() - begin])
+        return settled.result
+    error = settled.error
+    if not isinstance(error, WorkerLost):
+        raise error
+    reason = limit.reason(error.limit) if isinstance(error, TimeExceeded) else str(error)
+    return failed_row(line.folder, work, reason, type(error).__name__, status=results.LOST)
 
 
 def find_row(line: Line, path: Path) -> SensorRow | None:
@@ -126,10 +197,17 @@ def find_row(line: Line, path: Path) -> SensorRow | None:
     return None
 
 
-def known_versions(line: Line, out: Path) -> dict[str, Version]:
-    """Return the versions of the recordings that have a result, by their path."""
-    columns = ("recording", "size", "mark")
-    return {
-        str((line.folder / row["recording"]).resolve()): Version(row["size"], row["mark"])
-        for row in results.read_results(out, columns).to_pylist()
-    }
+def known_files(line: Line, out: Path) -> dict[str, KnownFile]:
+    """Return the recordings that have a result as they and the run file are now, by their path."""
+    by_id = {row.id: row for row in line.rows}
+    known: dict[str, KnownFile] = {}
+    for part in results.part_paths(out):
+        for result in results.read_part(part, ("id", *COMPARED)).to_pylist():
+            row = by_id.get(result["id"])
+            if row is None or is_address(result["recording"]):
+                continue
+            inputs = sensor_inputs(line, replace(row, recording=result["recording"]))
+            if isinstance(inputs.found, Version) and not inputs.difference(result):
+                place = str((line.folder / result["recording"]).resolve())
+                known[place] = KnownFile(inputs.found, result["recording_sha256"])
+    return known

@@ -8,6 +8,7 @@ from typing import Any
 
 from inercal.calibration.grade import GRADE_WORDS
 from inercal.fleet import results
+from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
 from inercal.uncertainty.conformity import RESULTS
 
@@ -27,14 +28,14 @@ class LineStatus:
     conformity : mapping of str to int
         Sensors by the result of [specification], from pass to fail; empty without limits. Results
         that are not to be relied on are not judged.
-    outdated : int
-        Results by another run file than the template and the table make now.
+    outdated : mapping of str to str
+        Why a calibration now may give another result, by id of the sensor.
     """
 
     counts: Mapping[str, int]
     reasons: Sequence[tuple[str, Sequence[str]]]
     conformity: Mapping[str, int]
-    outdated: int
+    outdated: Mapping[str, str]
 
     def as_object(self) -> dict[str, Any]:
         """Return it as a JSON object."""
@@ -42,7 +43,7 @@ class LineStatus:
         return {
             "counts": dict(self.counts),
             "conformity": dict(self.conformity),
-            "outdated": self.outdated,
+            "outdated": len(self.outdated),
             "reasons": listed,
         }
 
@@ -57,10 +58,8 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
         Folder of the results; by default `fleet` in the line's folder.
     """
     folder = line.folder / results.FOLDER if out is None else out
-    wanted = {row.id: line.digest(row) for row in line.rows}
-    columns = ("status", "error", "grade", "recording", "conformity", "sections_sha256")
-    rows = results.read_results(folder, columns).to_pylist()
-    rows = [row for row in rows if row["id"] in wanted]
+    columns = ("error", "grade", "conformity")
+    rows = latest_results(line, folder, columns).to_pylist()
     counts: Counter[str] = Counter()
     reasons: dict[str, list[str]] = {}
     exact: dict[str, str] = {}
@@ -73,8 +72,8 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
         names = reasons.setdefault(_common_reason(row), [])
         if len(names) < _NAMES:
             names.append(row["id"])
-    counts["without a result yet"] = len(wanted) - len(rows)
-    outdated = sum(row["sections_sha256"] != wanted[row["id"]] for row in rows)
+    counts["without a result yet"] = len(line.rows) - len(rows)
+    outdated = {row["id"]: row[OUTDATED] for row in rows if row[OUTDATED]}
     ranked = [
         (exact[names[0]] if len(names) == 1 else reason, names)
         for reason, names in sorted(reasons.items(), key=lambda item: -len(item[1]))

@@ -17,11 +17,27 @@ from typing import Any, Self
 
 from inercal.errors import InercalError, InputError
 
+LOCAL = "local"
+"""Instead of the address of a scheduler: this machine."""
 _MOST = {"win32": 61}  # processes that Windows can wait for at once
 
 
 class WorkerLost(InercalError):
     """A process that computed a task has ended without a result."""
+
+
+class TimeExceeded(WorkerLost):
+    """A step of a task took longer than its limit, and its process was ended."""
+
+    step = 0  # counted from 0
+    limit = 0.0  # s
+
+    @classmethod
+    def of(cls, step: int, limit: float) -> Self:
+        """Return the error of a step with its limit, s."""
+        error = cls(f"stopped after {limit:.3g} s")
+        error.step, error.limit = step, limit
+        return error
 
 
 @dataclass(frozen=True)
@@ -82,6 +98,8 @@ class TolerantExecutor(Executor):
     """An executor that continues after a task has failed, or a process was lost."""
 
     dashboard = ""  # address of a page that shows the work, if there is one
+    limit: Callable[[int, int], float] | None = None
+    """The longest time of a step, s, by index of the task and number of the step; None for any."""
 
     @property
     @abstractmethod
@@ -92,7 +110,8 @@ class TolerantExecutor(Executor):
     def settled(self) -> Iterator[Settled]:
         """Yield each task as it ends, until no task is left; a lost process is `WorkerLost`.
 
-        Tasks may be submitted meanwhile.
+        A process that computes a step for longer than `limit` is ended, and its task is settled
+        with `TimeExceeded`. Tasks may be submitted meanwhile.
         """
 
     @abstractmethod
@@ -115,7 +134,7 @@ class TolerantExecutor(Executor):
 
 
 class SerialExecutor(TolerantExecutor):
-    """Runs each task in this process when its result is asked for."""
+    """Runs each task in this process when its result is asked for, without a limit of time."""
 
     def __init__(self):
         self._tasks: deque[Task] = deque()
@@ -194,8 +213,8 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
     workers : int, optional
         By default one for each core that this process may use, if the work is long enough.
     scheduler : str, optional
-        Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786"; "local" starts a
-        cluster of so many workers on this machine.
+        Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786"; "local" is this
+        machine: as many processes as without it, which open no port.
 
     Raises
     ------
@@ -205,7 +224,7 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
         Dask is not installed.
     """
     _require_worker(workers)
-    if scheduler is not None:
+    if scheduler is not None and scheduler != LOCAL:
         return _open_cluster(scheduler, workers)
     if (number := _processes(workers)) == 1:
         return SerialExecutor()
@@ -222,7 +241,7 @@ def open_tolerant_executor(
     Parameters
     ----------
     workers, scheduler
-        As of `open_executor`; one worker runs tasks in this process.
+        As of `open_executor`.
 
     Raises
     ------
@@ -230,13 +249,11 @@ def open_tolerant_executor(
         As of `open_executor`.
     """
     _require_worker(workers)
-    if scheduler is not None:
+    if scheduler is not None and scheduler != LOCAL:
         return _open_cluster(scheduler, workers)
-    if (number := _processes(workers)) == 1:
-        return SerialExecutor()
     from inercal.parallel.isolated_executor import IsolatedExecutor
 
-    return IsolatedExecutor(number)
+    return IsolatedExecutor(_processes(workers))
 
 
 def _open_cluster(scheduler: str, workers: int | None) -> TolerantExecutor:
@@ -256,10 +273,12 @@ def _processes(workers: int | None) -> int:
 
 
 __all__ = [
+    "LOCAL",
     "Executor",
     "SerialExecutor",
     "Settled",
     "Task",
+    "TimeExceeded",
     "TolerantExecutor",
     "WorkerLost",
     "available_cores",

@@ -12,8 +12,12 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from inercal.parallel import Settled, Task, TolerantExecutor, WorkerLost
+from inercal.parallel import Settled, Task, TimeExceeded, TolerantExecutor, WorkerLost
+from inercal.parallel.steps import LOOK, AwakeClock, reported_steps
 from inercal.parallel.worker_process import WorkerContext, WorkerProcess
+
+_STARTS = 5  # processes that may die before they begin a task
+_LONGEST_START = 600.0  # s, of a process: it imports, on a machine that may be busy
 
 
 @dataclass
@@ -21,6 +25,8 @@ class _Worker:
     process: WorkerProcess
     connection: Connection
     task: Task | None = None
+    step: int | None = None  # None until the task begins
+    since: float = 0.0  # by the executor's clock
 
 
 class IsolatedExecutor(TolerantExecutor):
@@ -38,6 +44,8 @@ class IsolatedExecutor(TolerantExecutor):
         self._workers: list[_Worker] = []
         self._waiting: deque[Task] = deque()
         self._count = 0
+        self._failed_starts = 0
+        self._clock = AwakeClock()
 
     @property
     def workers(self) -> int:
@@ -61,10 +69,15 @@ class IsolatedExecutor(TolerantExecutor):
             busy = [one for one in self._workers if one.task is not None]
             if not busy:
                 return
-            ready = wait([one.connection for one in busy])
+            ready = wait([one.connection for one in busy], LOOK)
+            now = self._clock()
             for worker in busy:
-                if worker.connection in ready:
-                    yield self._receive(worker)
+                # What has come is read before anybody is judged: this process may have slept.
+                found = self._receive(worker) if worker.connection in ready else self._judge(worker)
+                if found is not None:
+                    yield found
+                elif worker.connection in ready:
+                    worker.since = now
 
     def close(self) -> None:
         """Terminate the processes."""
@@ -93,24 +106,55 @@ class IsolatedExecutor(TolerantExecutor):
         return _Worker(process, ours)
 
     def _send(self, worker: _Worker, task: Task) -> None:
-        worker.task = task
+        worker.task, worker.step, worker.since = task, None, self._clock()
         content = pickle.dumps((task.function, task.arguments))
         with suppress(OSError):  # it has died: its connection is at its end, as `_receive` finds
             worker.connection.send_bytes(content)
 
-    def _receive(self, worker: _Worker) -> Settled:
-        """Return what a process has sent; one that has died is forgotten."""
-        task, worker.task = worker.task, None
-        assert task is not None
+    def _receive(self, worker: _Worker) -> Settled | None:
+        """Return the outcome that a process has sent; None for a step, or a task to send again."""
+        assert worker.task is not None
         try:
-            result, error = pickle.loads(worker.connection.recv_bytes())
+            message = pickle.loads(worker.connection.recv_bytes())
         except (EOFError, OSError):
-            self._workers.remove(worker)
-            worker.connection.close()
-            worker.process.join()
-            lost = WorkerLost(f"the worker died ({_describe_exit(worker.process.exitcode)})")
-            return Settled(task.index, None, lost)
-        return Settled(task.index, result, error)
+            return self._answer_death(worker)
+        if isinstance(message, int):
+            worker.step = message
+            return None
+        index, worker.task = worker.task.index, None
+        result, error = message
+        return Settled(index, result, error)
+
+    def _answer_death(self, worker: _Worker) -> Settled | None:
+        """Forget a process that has died; a task that had not begun is sent to another one."""
+        task = self._remove(worker)
+        how = _describe_exit(worker.process.exitcode)
+        if worker.step is None and self._failed_starts < _STARTS:
+            self._failed_starts += 1
+            self._waiting.appendleft(task)
+            return None
+        return Settled(task.index, None, WorkerLost(f"the worker died ({how})"))
+
+    def _judge(self, worker: _Worker) -> Settled | None:
+        """End a process whose step takes longer than its limit."""
+        assert worker.task is not None
+        if self.limit is None:
+            return None
+        step = worker.step
+        limit = _LONGEST_START if step is None else self.limit(worker.task.index, step)
+        if self._clock() - worker.since <= limit:
+            return None
+        worker.process.kill()
+        if step is None:
+            return self._answer_death(worker)
+        return Settled(self._remove(worker).index, None, TimeExceeded.of(step, limit))
+
+    def _remove(self, worker: _Worker) -> Task:
+        assert worker.task is not None
+        self._workers.remove(worker)
+        worker.connection.close()
+        worker.process.join()
+        return worker.task
 
 
 def _describe_exit(code: int | None) -> str:
@@ -124,7 +168,9 @@ def _compute(connection: Connection) -> None:
             content = connection.recv_bytes()
         except (EOFError, OSError):
             return
-        connection.send_bytes(_outcome(content))
+        with reported_steps(lambda number: connection.send_bytes(pickle.dumps(number))):
+            outcome = _outcome(content)
+        connection.send_bytes(outcome)
 
 
 def _outcome(content: bytes) -> bytes:

@@ -58,10 +58,10 @@ class WorkerContext(SpawnContext):
         return process
 
     def terminate(self) -> None:
-        """Terminate all processes, in the middle of a task too."""
+        """End all processes, in the middle of a task too; one that is stopped would not hear."""
         for process in self.started:
             if process.pid is not None:
-                process.terminate()
+                process.kill()
 
 
 def _end_with_parent() -> None:

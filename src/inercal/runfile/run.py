@@ -1,6 +1,6 @@
 """A run file as it was read and checked: objects in SI."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from inercal.qualification import NO_QUALIFICATIONS, UsedQualifications
 from inercal.recording import Finding
 from inercal.runfile.environment_section import TemperatureOrder
 from inercal.sensors import Sensor
-from inercal.small_files import is_file, read_toml
+from inercal.small_files import is_file, read_toml, texts_of
 
 if TYPE_CHECKING:
     from inercal.calibration.specification import Specification
@@ -176,21 +176,8 @@ class Run:
 
     def input_files(self) -> list[Path]:
         """Return the run file and the existing files that its keys and values name."""
-        named = [self.file(text) for text in _texts(read_toml(self.path, "run file"))]
+        named = [self.file(text) for text in texts_of(read_toml(self.path, "run file"))]
         sections = self.file(self.data.file)
         if is_pattern(sections):
             named += matching_files(sections).values()
         return [self.path, *(path for path in named if is_file(path))]
-
-
-def _texts(content: object) -> Iterator[str]:
-    """Yield all keys and texts of a TOML document."""
-    if isinstance(content, str):
-        yield content
-    elif isinstance(content, Mapping):
-        for key, value in cast(Mapping[str, object], content).items():
-            yield key
-            yield from _texts(value)
-    elif isinstance(content, list):
-        for value in cast(list[object], content):
-            yield from _texts(value)

@@ -1,0 +1,119 @@
+"""What a sensor would be calibrated from now, and in what a result that is there differs from it.
+
+No clock is asked. Two computers disagree about the time, and one that was set back has results of
+the future.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.metadata import version
+from itertools import repeat
+from pathlib import Path
+from typing import Any
+
+from inercal.errors import InputError
+from inercal.fleet.line import Line, SensorRow
+from inercal.fleet.recordings import ABSENT, Version, is_address, version_of
+from inercal.io.column_table import file_sha256
+
+INSTALLED = version("inercal")
+_REQUESTS = 16  # to a store at once: each takes some 50 ms, and a sensor needs one
+
+
+@dataclass(frozen=True)
+class SensorInputs:
+    """What a sensor would be calibrated from now.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the line.
+    row : SensorRow
+    digest : str
+        Of its run file (`Line.digest`).
+    found : Version or InputError
+        Of its recording, or why there is none.
+    """
+
+    folder: Path
+    row: SensorRow
+    digest: str
+    found: Version | InputError
+
+    @cached_property
+    def recording_sha256(self) -> str:
+        """SHA-256 of the recording; empty for one in a store, and for one that cannot be read."""
+        if not is_address(self.row.recording):
+            with suppress(OSError):
+                return file_sha256(self.folder / self.row.recording)
+        return ""
+
+    def difference(self, result: Mapping[str, Any]) -> str:
+        """Return why a calibration now may give another result, in words; empty if it would not.
+
+        Parameters
+        ----------
+        result : mapping of str to object
+            A row of the results with the columns of `COMPARED`.
+        """
+        if result["sections_sha256"] != self.digest:
+            return "the run file or a file that it names has changed since"
+        if result["inercal"] != INSTALLED:
+            return f"it was computed by inercal {result['inercal']}"
+        stated = Version(result["size"], result["mark"])
+        if isinstance(self.found, InputError):
+            return "" if stated == ABSENT else "its recording cannot be found"
+        if self.found == stated:
+            return ""
+        # Copied or touched: the content counts.
+        if self.recording_sha256 and self.recording_sha256 == result["recording_sha256"]:
+            return ""
+        return "its recording has changed since"
+
+
+COMPARED = (
+    "recording", "recording_sha256", "size", "mark", "sections_sha256", "inercal", "arrived",
+)  # fmt: skip
+
+
+def sensor_inputs(line: Line, row: SensorRow) -> SensorInputs:
+    """Return what a sensor would be calibrated from now."""
+    try:
+        found = version_of(line.folder, row.recording)
+    except InputError as error:
+        return SensorInputs(line.folder, row, line.digest(row), error)
+    return SensorInputs(line.folder, row, line.digest(row), found)
+
+
+def line_inputs(line: Line) -> dict[str, SensorInputs]:
+    """Return what each sensor of a line would be calibrated from now, by its id."""
+    return {one.row.id: one for one in _each(line, line.rows)}
+
+
+def _each(line: Line, rows: Sequence[SensorRow]) -> Iterator[SensorInputs]:
+    if not any(is_address(row.recording) for row in rows):
+        yield from (sensor_inputs(line, row) for row in rows)
+        return
+    with ThreadPoolExecutor(_REQUESTS) as pool:
+        yield from pool.map(sensor_inputs, repeat(line), rows)
+
+
+def result_difference(line: Line, now: SensorInputs, result: Mapping[str, Any]) -> str:
+    """Return why a calibration of a sensor now may give another result than one that is there.
+
+    The table's recording counts. Where there is none, a recording that arrived at a station does.
+
+    Parameters
+    ----------
+    line : Line
+    now : SensorInputs
+        Of the sensor by the table.
+    result : mapping of str to object
+        A row of the results with the columns of `COMPARED`.
+    """
+    if result["arrived"] and isinstance(now.found, InputError):
+        now = sensor_inputs(line, replace(now.row, recording=result["recording"]))
+    return now.difference(result)

@@ -1,0 +1,127 @@
+"""The result of each sensor that counts: by what its run file and its recording are now.
+
+Of several results of one sensor one of the present run file and recording counts before all others,
+a calibration before a failure, and then the latest generation. A result that may differ from a
+calibration now is marked with the reason.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from inercal.calibration.outdated import OUTDATED
+from inercal.fleet.inputs import COMPARED, SensorInputs, line_inputs, result_difference
+from inercal.fleet.line import Line
+from inercal.fleet.results import DONE, Table, part_paths, read_part, schema
+
+_COUNTED_BY = ("id", "status", "generation", *COMPARED)
+_NAMES = 3  # of outdated sensors that are listed
+
+
+def latest_results(
+    line: Line,
+    folder: Path,
+    columns: Iterable[str] | None = None,
+    now: Mapping[str, SensorInputs] | None = None,
+) -> Table:
+    """Return the result of each sensor of a line, sorted by id, with the column `OUTDATED`.
+
+    That column says why a calibration now may give another result; it is empty where none would.
+
+    Parameters
+    ----------
+    line : Line
+    folder : Path
+        Of the parts; it need not exist.
+    columns : iterable of str, optional
+        Only these, and those by which a result counts.
+    now : mapping of str to SensorInputs, optional
+        As of `line_inputs`, where it is known.
+
+    Raises
+    ------
+    InputError
+        A part that is damaged.
+    """
+    pa: Any = import_module("pyarrow")
+    wanted = None if columns is None else (*_COUNTED_BY, *columns)
+    tables = [read_part(path, wanted) for path in part_paths(folder)]
+    counting = _counting_rows(line, tables, line_inputs(line) if now is None else now)
+    fields = [one for one in schema() if wanted is None or one.name in wanted]
+    chosen = [pa.schema([*fields, (OUTDATED, pa.string())]).empty_table()]
+    for table, rows in zip(tables, counting, strict=True):
+        reasons = pa.array(rows.values(), pa.string())
+        taken = table.take(pa.array(rows, pa.int64()))
+        chosen.append(taken.append_column(OUTDATED, reasons))
+    return pa.concat_tables(chosen).sort_by("id")
+
+
+def latest_rows_by_part(
+    line: Line, folder: Path, columns: Iterable[str]
+) -> Iterator[list[dict[str, Any]]]:
+    """Yield, part by part, the results that count: in the memory of a part.
+
+    Parameters
+    ----------
+    line : Line
+        Its sensors alone.
+    folder : Path
+        Of the parts.
+    columns : iterable of str
+        Of the rows, in addition to `id` and `OUTDATED`.
+
+    Raises
+    ------
+    InputError
+        A part that is damaged.
+    """
+    paths = part_paths(folder)
+    counting = _counting_rows(
+        line, (read_part(path, _COUNTED_BY) for path in paths), line_inputs(line)
+    )
+    for path, rows in zip(paths, counting, strict=True):
+        if rows:
+            found = read_part(path, ("id", *columns)).take([*rows]).to_pylist()
+            reasons = rows.values()
+            yield [{**row, OUTDATED: one} for row, one in zip(found, reasons, strict=True)]
+
+
+def outdated_lines(reasons: Mapping[str, str]) -> list[str]:
+    """Return a line for each reason why results are outdated.
+
+    Parameters
+    ----------
+    reasons : mapping of str to str
+        By id of the sensor; empty for a result that is not outdated.
+    """
+    texts: list[str] = []
+    for reason, count in Counter(filter(None, reasons.values())).items():
+        names = [name for name, one in reasons.items() if one == reason][:_NAMES]
+        more = f" and {count - _NAMES} more" * (count > _NAMES)
+        texts.append(f"{', '.join(names)}{more}: the result is outdated: {reason}")
+    return texts
+
+
+def _counting_rows(
+    line: Line, tables: Iterable[Table], now: Mapping[str, SensorInputs]
+) -> list[dict[int, str]]:
+    """Return the rows of each table that count, with the reasons why they are outdated."""
+    best: dict[str, tuple[tuple[bool, bool, int], int, int, str]] = {}
+    number = 0
+    for part, table in enumerate(tables):
+        number += 1
+        for row, result in enumerate(table.select(_COUNTED_BY).to_pylist()):
+            if (inputs := now.get(result["id"])) is None:
+                continue
+            reason = result_difference(line, inputs, result)
+            done = not reason and result["status"] == DONE
+            rank = (not reason, done, result["generation"] or 0)
+            other = best.get(result["id"])
+            if other is None or rank > other[0]:
+                best[result["id"]] = (rank, part, row, reason)
+    counting: list[dict[int, str]] = [{} for _ in range(number)]
+    for _, part, row, reason in sorted(best.values(), key=lambda one: one[1:3]):
+        counting[part][row] = reason
+    return counting

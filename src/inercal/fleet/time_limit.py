@@ -1,0 +1,62 @@
+"""How long a sensor may take: as stated, or by what the others took."""
+
+from collections.abc import Sequence
+
+_FACTOR = 20  # times what the slowest of the others took
+_LEAST = 60.0  # s: a busy machine, or one that compiles kernels, delays anybody
+_FIRST = 600.0  # s, until others are known
+_ENOUGH = 3  # others
+
+
+class TimeLimit:
+    """The longest time of a sensor.
+
+    By default it is twenty times the longest that any other took, in proportion more for a larger
+    recording, and at least a minute. Until three others are known it is ten minutes.
+
+    Parameters
+    ----------
+    stated : float or None
+        As the user states it, s.
+    """
+
+    def __init__(self, stated: float | None = None):
+        self._stated = stated
+        self._count, self._longest, self._largest = 0, 0.0, 1
+
+    def note(self, sizes: Sequence[int], seconds: Sequence[float]) -> None:
+        """Note what sensors took.
+
+        Parameters
+        ----------
+        sizes : sequence of int
+            Bytes of their recordings.
+        seconds : sequence of float
+        """
+        self._count += len(seconds)
+        self._longest = max(self._longest, *seconds)
+        self._largest = max(self._largest, *sizes)
+
+    def seconds(self, size: int, *, early: bool = False) -> float:
+        """Return the limit of a sensor, s.
+
+        Parameters
+        ----------
+        size : int
+            Bytes of its recording.
+        early : bool
+            Whether it can be tried again when others are known, so that it may be stopped early.
+        """
+        if self._stated is not None:
+            return self._stated
+        if self._count < _ENOUGH:
+            return _LEAST if early else _FIRST
+        return max(_LEAST, _FACTOR * self._longest * max(1.0, size / self._largest))
+
+    def reason(self, limit: float) -> str:
+        """Return why a sensor was stopped, in words."""
+        others = f", where the others took at most {self._longest:.2g} s" * bool(self._count)
+        return (
+            f"it took longer than {limit:.3g} s{others}, and was stopped; --timeout gives it "
+            "another limit, --retry-failed tries it again"
+        )
