@@ -161,7 +161,7 @@ def stream_isolated(
         raise _death_error(process.exit_status(), isolation, limits, path) from None
     finally:
         if ended and FORKS:
-            _idle.setdefault(os.getpid(), []).append(process)
+            _idle.append(process)
         else:
             process.end()
 
@@ -249,6 +249,12 @@ class _Process:
         """Return the exit status of a process that ends by itself."""
         return self._process.wait()
 
+    def leave(self) -> None:
+        """Have nothing to do with it any more."""
+        self._requests.close()
+        self._answers.close()
+        self._process.returncode = 0  # else Python says that it still runs
+
     def end(self) -> None:
         """End it, whatever it does."""
         self._requests.close()
@@ -259,15 +265,13 @@ class _Process:
         self._answers.close()
 
 
-# By the process that started them: one that was forked from it has its own.
-_idle: dict[int, list[_Process]] = {}
+_idle: list[_Process] = []
 
 
 def _idle_process() -> _Process:
     """Return a process that reads nothing now."""
-    idle = _idle.setdefault(os.getpid(), [])
-    while idle:
-        process = idle.pop()
+    while _idle:
+        process = _idle.pop()
         if process.running:
             return process
         process.end()
@@ -275,6 +279,17 @@ def _idle_process() -> _Process:
 
 
 @atexit.register
-def _end_all() -> None:
-    for process in _idle.pop(os.getpid(), []):
-        process.end()
+def end_all() -> None:
+    """End the processes that wait for files; the next file starts another."""
+    while _idle:
+        _idle.pop().end()
+
+
+def _leave_all() -> None:
+    """Leave the processes to the program from which this one was forked."""
+    while _idle:
+        _idle.pop().leave()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_all)
