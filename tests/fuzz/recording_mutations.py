@@ -161,7 +161,9 @@ def outcomes(name: str, folder: Path, seed: int, count: int) -> dict[str, Any]:
             if not str(error) or "\n" in str(error):
                 raise AssertionError(f"{name} {number}: {error!r}") from error
             text = str(error)
-            told["limit" if "the limit for" in text else "crash" if "crashes" in text else "refused"] += 1
+            told[
+                "limit" if "the limit for" in text else "crash" if "crashes" in text else "refused"
+            ] += 1
         else:
             told["read"] += 1
         if perf_counter() - begin > slowest:

@@ -5,7 +5,7 @@ any memory holds. The process (`reading_process`) ends with such a file, and thi
 started with the first file and kept for those that follow.
 
 What a file may cost depends on its size: 512 MiB and 32 bytes of memory for each byte, and 4 s of
-processor time and 4 s for each MB. Compression and repetition let a sound file hold more;
+processor time and 2 s for each MB. Compression and repetition let a sound file hold more;
 `[data] most_values` states how much.
 """
 
@@ -27,7 +27,7 @@ MOST_VALUES = 250_000_000  # of 8 bytes: 2 GB; seven channels at 200 Hz have the
 MOST_VALUES_KEY = "[data] most_values"
 _MOST_STATED = 10**12
 _BASE, _BYTES_PER_VALUE = 1 << 29, 32
-_SECONDS, _SECONDS_PER_BYTE, _SECONDS_PER_VALUE = 4.0, 4e-6, 2e-5
+_SECONDS, _SECONDS_PER_BYTE, _SECONDS_PER_VALUE = 4.0, 2e-6, 2e-5
 _WAITED, _WAITED_PER_SECOND = 60, 4  # s: a disk or a busy machine may keep a reader waiting
 FORKS = sys.platform == "linux"
 """Whether a process forks for each file: it reads many then, elsewhere one."""
@@ -158,19 +158,19 @@ def stream_isolated(
             if not ended:
                 yield answer.result
     except (EOFError, BrokenPipeError):
-        raise _death_error(process.exit_status(), isolation, limits, path) from None
+        raise _death_error(process.end(), isolation, limits, path) from None
     finally:
         if ended and FORKS:
             _idle.append(process)
         else:
-            process.end()
+            process.kill()
 
 
 def _limits(size: int, most_values: int | None) -> Limits:
     """Return what reading a file of so many bytes may cost.
 
     >>> _limits(1_000_000, None).seconds, _limits(1_000_000, 10_000_000).seconds
-    (8, 208)
+    (6, 206)
     """
     stated = min(max(most_values or 0, 0), _MOST_STATED)
     values = min(size, MOST_VALUES) if most_values is None else stated
@@ -245,24 +245,24 @@ class _Process:
     def receive(self) -> Answer:
         return receive(self._answers)
 
-    def exit_status(self) -> int:
-        """Return the exit status of a process that ends by itself."""
-        return self._process.wait()
-
     def leave(self) -> None:
         """Have nothing to do with it any more."""
         self._requests.close()
         self._answers.close()
         self._process.returncode = 0  # else Python says that it still runs
 
-    def end(self) -> None:
-        """End it, whatever it does."""
-        self._requests.close()
+    def kill(self) -> None:
+        """Kill it, whatever it does."""
         if self.running:
             kill = partial(os.killpg, self._process.pid) if FORKS else self._process.send_signal
             kill(_KILL)
-        self._process.wait()
+        self.end()
+
+    def end(self) -> int:
+        """Wait for the end of one that reads nothing more; return its exit status."""
+        self._requests.close()
         self._answers.close()
+        return self._process.wait()
 
 
 _idle: list[_Process] = []
