@@ -6,10 +6,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
-for library in ("h5py", "openpyxl", "pyarrow", "pyulog", "rosbags"):
-    pytest.importorskip(library, reason="needs all extras of readers")
-
 from tests.fuzz.recording_mutations import FORMATS, outcomes
 
 ROOT = Path(__file__).parents[2]

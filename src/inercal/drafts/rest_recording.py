@@ -18,6 +18,7 @@ from inercal.drafts.stated_keys import stated_columns, stated_thermometer, state
 from inercal.errors import InputError
 from inercal.io.audit import NonfinitePolicy
 from inercal.io.column_table import Table
+from inercal.io.isolation import MOST_VALUES_KEY
 from inercal.io.read import detect_reader, read_recording, read_table
 from inercal.io.table_recording import Columns
 from inercal.recording import Recording
@@ -28,7 +29,7 @@ from inercal.section_settings import si_value
 from inercal.sensors.axis import Readout
 
 _COUNTS = "LSB"
-_TOO_LONG = "[data] most_values"  # key of what is refused for its size
+_TOO_LONG = MOST_VALUES_KEY  # of what is refused for its size
 _AXES = "xyz"
 _KEYS = (
     *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",

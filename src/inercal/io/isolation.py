@@ -71,7 +71,7 @@ class Isolation(NamedTuple):
     key: str = MOST_VALUES_KEY
 
 
-class Limits(NamedTuple):
+class ReadingLimits(NamedTuple):
     """What reading a file may cost: memory, bytes; processor time and time between results, s."""
 
     memory: int
@@ -79,17 +79,17 @@ class Limits(NamedTuple):
     waited: int
 
 
-class Request(NamedTuple):
+class ReadingRequest(NamedTuple):
     """A call of a function with the path of a file and further arguments."""
 
     isolation: Isolation
-    limits: Limits
+    limits: ReadingLimits
     path: Path
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
 
 
-class Answer(NamedTuple):
+class ReadingAnswer(NamedTuple):
     """A result, the error that ended reading, or neither where all results were sent.
 
     An error that is a `MemoryError` says that the limit of memory was met.
@@ -149,7 +149,7 @@ def stream_isolated(
     limits = _limits(size, most_values)
     process, ended = _idle_process(), False
     try:
-        process.send(Request(isolation, limits, path.absolute(), function, arguments))
+        process.send(ReadingRequest(isolation, limits, path.absolute(), function, arguments))
         while not ended:
             answer = process.receive()
             ended = answer.last
@@ -166,7 +166,7 @@ def stream_isolated(
             process.kill()
 
 
-def _limits(size: int, most_values: int | None) -> Limits:
+def _limits(size: int, most_values: int | None) -> ReadingLimits:
     """Return what reading a file of so many bytes may cost.
 
     >>> _limits(1_000_000, None).seconds, _limits(1_000_000, 10_000_000).seconds
@@ -176,10 +176,12 @@ def _limits(size: int, most_values: int | None) -> Limits:
     values = min(size, MOST_VALUES) if most_values is None else stated
     seconds = _SECONDS + _SECONDS_PER_BYTE * size + _SECONDS_PER_VALUE * stated
     waited = _WAITED + _WAITED_PER_SECOND * seconds
-    return Limits(_BASE + _BYTES_PER_VALUE * values, int(seconds), int(waited))
+    return ReadingLimits(_BASE + _BYTES_PER_VALUE * values, int(seconds), int(waited))
 
 
-def _own_error(error: Exception, isolation: Isolation, limits: Limits, path: Path) -> Exception:
+def _own_error(
+    error: Exception, isolation: Isolation, limits: ReadingLimits, path: Path
+) -> Exception:
     """Return an error of the process as it is raised here."""
     if isinstance(error, MemoryError):
         more = f"{limits.memory / 1e6:.0f} MB of memory"
@@ -200,7 +202,9 @@ def _limit_error(what: str, isolation: Isolation, path: Path) -> InputError:
     )
 
 
-def _death_error(status: int, isolation: Isolation, limits: Limits, path: Path) -> InputError:
+def _death_error(
+    status: int, isolation: Isolation, limits: ReadingLimits, path: Path
+) -> InputError:
     """Return the error of a file whose process died."""
     number = -status if status < 0 else status - 128
     name = signal.Signals(number).name if number in set(signal.Signals) else f"status {status}"
@@ -239,10 +243,10 @@ class _Process:
     def running(self) -> bool:
         return self._process.poll() is None
 
-    def send(self, request: Request) -> None:
+    def send(self, request: ReadingRequest) -> None:
         send(self._requests, request)
 
-    def receive(self) -> Answer:
+    def receive(self) -> ReadingAnswer:
         return receive(self._answers)
 
     def leave(self) -> None:

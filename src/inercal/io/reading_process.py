@@ -18,20 +18,20 @@ from typing import Any, cast
 from inercal.errors import InercalError
 from inercal.io.array_pipe import receive, send
 from inercal.io.damaged_files import refuse_damage
-from inercal.io.isolation import FORKS, Answer, Limits, Request
+from inercal.io.isolation import FORKS, ReadingAnswer, ReadingLimits, ReadingRequest
 
 _INPUT, _OUTPUT = 0, 1
 _SIGNALLED = 128  # and the signal, as shells count it
 
 
 def serve() -> None:
-    """Answer the requests on standard input, until it ends."""
+    """ReadingAnswer the requests on standard input, until it ends."""
     requests, answers = FileIO(_INPUT, "r"), FileIO(os.dup(_OUTPUT), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), _OUTPUT)  # libraries print what they find
     warnings.simplefilter("ignore")
     while True:
         try:
-            request: Request = receive(requests)
+            request: ReadingRequest = receive(requests)
         except EOFError:
             os._exit(0)
         for name in request.isolation.libraries:
@@ -51,7 +51,7 @@ def serve() -> None:
             os._exit(_SIGNALLED - status if status < 0 else status)
 
 
-def _answer(request: Request, answers: FileIO) -> None:
+def _answer(request: ReadingRequest, answers: FileIO) -> None:
     """Send what the function of a request returns or yields, or why it does not."""
     isolation, path = request.isolation, request.path
     _set_limits(request.limits)
@@ -61,17 +61,17 @@ def _answer(request: Request, answers: FileIO) -> None:
             results = cast(Iterator[Any], found) if isinstance(found, Iterator) else (found,)
             for result in results:
                 _set_alarm(0)
-                send(answers, Answer(result))
+                send(answers, ReadingAnswer(result))
                 _set_alarm(request.limits.waited)
     except (InercalError, ImportError, OSError, MemoryError) as error:
         _set_alarm(0)
         of_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == ENOMEM
-        send(answers, Answer(error=MemoryError() if of_memory else error, last=True))
+        send(answers, ReadingAnswer(error=MemoryError() if of_memory else error, last=True))
     else:
-        send(answers, Answer(last=True))
+        send(answers, ReadingAnswer(last=True))
 
 
-def _set_limits(limits: Limits) -> None:
+def _set_limits(limits: ReadingLimits) -> None:
     """Limit memory and time of this process, where the system can."""
     _set_alarm(limits.waited)
     with suppress(ImportError):
