@@ -29,7 +29,7 @@ _MOST_STATED = 10**12
 _BASE, _BYTES_PER_VALUE = 1 << 29, 32
 _SECONDS, _SECONDS_PER_BYTE, _SECONDS_PER_VALUE = 4.0, 2e-6, 2e-5
 _WAITED, _WAITED_PER_SECOND = 60, 4  # s: a disk or a busy machine may keep a reader waiting
-FORKS = sys.platform == "linux"
+FORKS = sys.platform == "linux" and hasattr(os, "fork")
 """Whether a process forks for each file: it reads many then, elsewhere one."""
 _KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 _PROGRAM = """
