@@ -110,18 +110,28 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
 def _part_folder(target: Path) -> Generator[Path]:
     """Make a folder for a file until it is complete, and remove those that nobody writes to."""
     _remove_left_folders(target.parent)
-    folder = target.parent / f".{uuid4().hex}{_PART}"
     try:
-        folder.mkdir()
+        folder, lock = _make_part_folder(target.parent)
     except OSError as error:
         raise _write_error(target, error) from error
     try:
-        with (folder / uuid4().hex).open("wb") as lock:
-            if _try_lock(lock):
-                os.rename(lock.name, folder / _LOCK)
+        with lock:
             yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _make_part_folder(parent: Path) -> tuple[Path, IO[bytes]]:
+    """Return a new folder, and its lock, which the system releases when this program ends."""
+    while True:
+        folder = parent / f".{uuid4().hex}{_PART}"
+        folder.mkdir()
+        # Until it is locked, another program may take it for one that was left.
+        with suppress(FileNotFoundError):
+            lock = (folder / _LOCK).open("wb")
+            if _lock(lock) is not False and (folder / _LOCK).exists():
+                return folder, lock
+            lock.close()
 
 
 def _remove_left_folders(parent: Path) -> None:
@@ -131,18 +141,22 @@ def _remove_left_folders(parent: Path) -> None:
     _looked_through.add(parent)
     for folder in parent.glob(f".*{_PART}"):
         if _LEFT_NAME.fullmatch(folder.name):
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
             with suppress(OSError), (folder / _LOCK).open("r+b") as lock:
-                if _try_lock(lock):
+                if _lock(lock):
                     shutil.rmtree(folder, ignore_errors=True)
 
 
-def _try_lock(file: IO[bytes]) -> bool:
-    """Lock a file against other programs; return whether it is locked."""
+def _lock(file: IO[bytes]) -> bool | None:
+    """Lock a file; return False where another program has, None where there are no locks."""
     try:
         fcntl: Any = import_module("fcntl")
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (ImportError, OSError):  # a system, or a store of files, without such locks
+    except BlockingIOError:
         return False
+    except (ImportError, OSError):  # a system, or a store of files, without such locks
+        return None
     return True
 
 
