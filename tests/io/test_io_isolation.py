@@ -63,6 +63,7 @@ def test_a_table_comes_as_it_was_made(path: Path):
         shared = np.shares_memory(made.columns[name], made.block)
         assert np.shares_memory(got.columns[name], got.block) == shared
         assert got.columns[name].flags.writeable
+    assert made.block is not None
     assert got.block.tobytes() == made.block.tobytes()
 
 

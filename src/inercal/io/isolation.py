@@ -14,7 +14,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from functools import partial
 from io import RawIOBase
 from pathlib import Path
@@ -140,7 +140,7 @@ def stream_isolated(
     function: Callable[..., Any],
     *arguments: Any,
     most_values: int | None = None,
-) -> Iterator[Any]:
+) -> Generator[Any]:
     """Yield what a generator function yields of a file, as `read_isolated` returns it."""
     if isolation.extra:
         package = isolation.libraries[0].partition(".")[0]

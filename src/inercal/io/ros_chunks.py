@@ -6,6 +6,7 @@ which would be passed over, and of a chunk that is named twice messages would co
 Sources: http://wiki.ros.org/Bags/Format/2.0 and https://mcap.dev/spec.
 """
 
+import os
 import sqlite3
 import struct
 from collections.abc import Iterator
@@ -143,7 +144,7 @@ def _mark_indexed(chunks: dict[int, bool], place: int) -> None:
 
 def _whole(file: BinaryIO, size: int) -> bytes:
     """Return bytes; refuse a file that ends before."""
-    raw = file.read(size)
+    raw = file.read(min(size, os.fstat(file.fileno()).st_size))
     if len(raw) < size:
         raise DamagedBagError("it is cut off, as after a crash")
     return raw
