@@ -64,9 +64,9 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         if error.key != _TOO_LONG:
             raise
         raise InputError(
-            f"{log}: too many values to be read at once. A log of any length is analysed in blocks "
-            "where it is plain text, Parquet, .npz or HDF5 and all its columns are numbers, the "
-            "time in seconds: convert it, or give a part of it",
+            f"{log}: it is damaged, or too long to be read at once. A log of any length is "
+            "analysed in blocks where it is plain text, Parquet, .npz or HDF5 and all its columns "
+            "are numbers, the time in seconds: convert it, or give a part of it",
             file=log,
             key=_TOO_LONG,
         ) from error
