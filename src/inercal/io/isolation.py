@@ -29,6 +29,7 @@ _MOST_STATED = 10**12
 _BASE, _BYTES_PER_VALUE = 1 << 29, 32
 _SECONDS, _SECONDS_PER_BYTE, _SECONDS_PER_VALUE = 4.0, 2e-6, 2e-5
 _WAITED, _WAITED_PER_SECOND = 60, 4  # s: a disk or a busy machine may keep a reader waiting
+_ENDS_WITHIN = 5.0  # s
 FORKS = sys.platform == "linux" and hasattr(os, "fork")
 """Whether a process forks for each file: it reads many then, elsewhere one."""
 _KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
@@ -266,7 +267,11 @@ class _Process:
         """Wait for the end of one that reads nothing more; return its exit status."""
         self._requests.close()
         self._answers.close()
-        return self._process.wait()
+        try:
+            return self._process.wait(_ENDS_WITHIN)
+        except subprocess.TimeoutExpired:  # a fork of this program holds its input open
+            self._process.kill()
+            return self._process.wait()
 
 
 _idle: list[_Process] = []
