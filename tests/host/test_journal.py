@@ -84,7 +84,7 @@ Journal.create(sys.argv[1], "plan.toml", ("", "", ""), 0.02, 3)
 def test_a_host_killed_at_any_line_of_create_leaves_a_whole_journal_or_none(tmp_path: Path):
     left: list[bool] = []
     code = -1
-    for line in range(1, 100):
+    for line in range(1, 200):
         path = tmp_path / f"{line}.sqlite"
         code = subprocess.run([sys.executable, "-c", BEGINNER, str(path), str(line)]).returncode
         left.append(path.exists())

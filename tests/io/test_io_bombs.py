@@ -1,5 +1,6 @@
-"""Small files that declare more than any memory holds are refused before they are decoded."""
+"""Small files that declare more than any memory holds are refused at bounded cost."""
 
+import json
 import struct
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -18,22 +20,6 @@ from tests.refusals import refused
 from inercal.io.read import read_table
 
 N = 1_000_000_000  # values
-READ = """
-import resource, sys
-from inercal.errors import InputError
-from inercal.io.read import read_table
-import {libraries}
-size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, (size + 4_000_000_000,) * 2)
-before = resource.getrusage(resource.RUSAGE_SELF)
-seconds = int(before.ru_utime + before.ru_stime) + 3
-resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-try:
-    read_table(sys.argv[1], ["ax"])
-except InputError as error:
-    after = resource.getrusage(resource.RUSAGE_SELF)
-    print(after.ru_maxrss - before.ru_maxrss, error.key, error)
-"""
 
 
 def npz(path: Path) -> None:
@@ -145,39 +131,45 @@ def parquet_dictionary(path: Path) -> None:
     pq.write_table(pa.table({"ax": words}), path, compression="zstd")
 
 
-BOMBS: dict[str, tuple[Callable[[Path], None], str]] = {
-    "a.npz": (npz, "numpy"),
-    "words.npz": (npz_words, "numpy"),
-    "a.h5": (hdf5, "h5py"),
-    "filled.h5": (hdf5_filled, "h5py"),
-    "a.mat": (mat, "scipy.io"),
-    "long.mat": (mat_long, "scipy.io"),
-    "struct.mat": (mat_struct, "scipy.io"),
-    "cells.mat": (mat_cells, "scipy.io"),
-    "a.parquet": (parquet, "pyarrow.parquet"),
-    "dictionary.parquet": (parquet_dictionary, "pyarrow.parquet"),
+BOMBS: dict[str, Callable[[Path], None]] = {
+    "a.npz": npz,
+    "words.npz": npz_words,
+    "a.h5": hdf5,
+    "filled.h5": hdf5_filled,
+    "a.mat": mat,
+    "long.mat": mat_long,
+    "struct.mat": mat_struct,
+    "cells.mat": mat_cells,
+    "a.parquet": parquet,
+    "dictionary.parquet": parquet_dictionary,
 }
 
 
-# Values that are not stored, a label of 100 MB, a variable longer than it declares.
-REFUSED_OTHERWISE = ("a.h5", "dictionary.parquet", "long.mat")
+def cost(path: Path, *names: str) -> dict[str, Any]:
+    """Return what reading a file costs, and what is said of it, in a process that survives."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.io.reading_cost", str(path), *names],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads(done.stdout)
+    assert told["own"] < 50_000  # kB
+    assert told["memory"] < 1_000_000
+    assert told["seconds"] < 10
+    assert "\n" not in (told["error"] or "")
+    return told
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BOMBS)
-def test_a_bomb_is_refused_within_300_mb_and_2_s(tmp_path: Path, name: str):
-    make, libraries = BOMBS[name]
+def test_a_bomb_is_refused_within_1_gb_and_10_s(tmp_path: Path, name: str):
     path = tmp_path / name
-    make(path)
+    BOMBS[name](path)
     assert path.stat().st_size < 4_000_000
-    script = READ.format(libraries=libraries)
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert ("[data] most_values" in done.stdout) == (name not in REFUSED_OTHERWISE)
-    assert done.stdout.count("\n") == 1
-    assert int(done.stdout.split()[0]) < 300_000  # kB
+    assert cost(path, "ax")["error"].startswith(name)
 
 
 def test_the_limit_is_that_of_the_data_section(tmp_path: Path):

@@ -11,7 +11,7 @@ import pytest
 import scipy.io
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.errors import MissingExtra
 from inercal.io.column_table import ReadRequest
 from inercal.io.read import read_table
 from inercal.io.variables import table_from_variables
@@ -372,9 +372,8 @@ def test_without_h5py_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.Mon
     save_v5(tmp_path / "old.mat", {"t": T})
     for name in [name for name in sys.modules if name.partition(".")[0] == "h5py"]:
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError) as refusal:
+    with refused(MissingExtra, names=("io",)):
         read_table(tmp_path / "run.mat")
-    assert isinstance(refusal.value.__cause__, ImportError)
     assert read_table(tmp_path / "old.mat").numbers("t").tolist() == T.tolist()
 
 
@@ -403,4 +402,4 @@ def test_files_that_matlab_wrote_are_read():
 
 def test_a_file_without_variables_has_no_columns(tmp_path: Path):
     with refused(names=()):
-        table_from_variables(tmp_path / "run.mat", [], ReadRequest(), 1000)
+        table_from_variables(tmp_path / "run.mat", [], ReadRequest())

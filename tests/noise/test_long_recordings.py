@@ -15,8 +15,8 @@ from inercal.drafts import long_rest_recording
 from inercal.drafts.long_rest_recording import open_long_rest_recording
 from inercal.drafts.rest_recording import read_rest_recording
 from inercal.errors import InputError
+from inercal.io.isolation import MOST_VALUES_KEY
 from inercal.io.long_tables import open_long_table
-from inercal.io.size_limits import refuse_too_many_values
 from inercal.noise import NoiseAnalysis, analyse_noise
 from inercal.noise.analysis import candidate_models
 
@@ -98,7 +98,7 @@ def test_a_log_that_is_too_long_for_its_format_says_which_are_read_in_blocks(
     table: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def too_long(_: Path) -> None:
-        refuse_too_many_values(1e10, 1000, "log.ulg")
+        raise InputError("log.ulg is too long", key=MOST_VALUES_KEY)
 
     monkeypatch.setattr("inercal.drafts.rest_recording.read_table", too_long)
     with refused(InputError, key="[data] most_values") as refusal:

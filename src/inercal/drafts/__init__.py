@@ -208,7 +208,7 @@ def _recognise(
     logs: Sequence[Path], values: Mapping[str, Any]
 ) -> tuple[Table, Table | None, ColumnRoles]:
     """Return the table, that of the gyros where it is another, and the roles of their columns."""
-    table = _read(logs[0])
+    table = _read(logs[0], values)
     stated = stated_columns(values, table, second_file=len(logs) > 1)
     alone = len(logs) == 1
     numbers = finite_rows(table) if alone else table
@@ -254,12 +254,14 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     return candidates
 
 
-def _read(log: Path) -> Table:
+def _read(log: Path, values: Mapping[str, Any]) -> Table:
     """Return a table, with the columns as text that begin with numbers or nothing and are text."""
+    stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
+    options = {key: value for key, value in stated.items() if value is not None}
     text: list[str] = []
     while True:
         try:
-            return read_table(log, text=text)
+            return read_table(log, text=text, options=options)
         except InputError as error:
             column = error.names[0] if error.names else ""
             if not column or column in text or error.line is None or len(text) == _MOST_TEXTS:
@@ -278,7 +280,7 @@ def _second_table(
             "the gyros",
             names=tuple(map(str, logs)),
         )
-    second = _read(logs[1])
+    second = _read(logs[1], values)
     rows, others = (next(iter(one.columns.values())).size for one in (table, second))
     found = recognise_columns(second, stated=stated_gyros(values, second)).triads
     if "gyro" not in found or "gyro" in roles.triads or rows != others:

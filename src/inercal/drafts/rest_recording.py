@@ -18,6 +18,7 @@ from inercal.drafts.stated_keys import stated_columns, stated_thermometer, state
 from inercal.errors import InputError
 from inercal.io.audit import NonfinitePolicy
 from inercal.io.column_table import Table
+from inercal.io.isolation import MOST_VALUES_KEY
 from inercal.io.read import detect_reader, read_recording, read_table
 from inercal.io.table_recording import Columns
 from inercal.recording import Recording
@@ -28,7 +29,7 @@ from inercal.section_settings import si_value
 from inercal.sensors.axis import Readout
 
 _COUNTS = "LSB"
-_TOO_LONG = "[data] most_values"  # key of what is refused for its size
+_TOO_LONG = MOST_VALUES_KEY  # of what is refused for its size
 _AXES = "xyz"
 _KEYS = (
     *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
@@ -63,9 +64,9 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         if error.key != _TOO_LONG:
             raise
         raise InputError(
-            f"{log}: too many values to be read at once. A log of any length is analysed in blocks "
-            "where it is plain text, Parquet, .npz or HDF5 and all its columns are numbers, the "
-            "time in seconds: convert it, or give a part of it",
+            f"{log}: it is damaged, or too long to be read at once. A log of any length is "
+            "analysed in blocks where it is plain text, Parquet, .npz or HDF5 and all its columns "
+            "are numbers, the time in seconds: convert it, or give a part of it",
             file=log,
             key=_TOO_LONG,
         ) from error

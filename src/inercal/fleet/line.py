@@ -22,8 +22,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from inercal.errors import InputError, require_extra
+from inercal.errors import InputError
 from inercal.io.column_table import file_sha256
+from inercal.io.isolation import Isolation, read_isolated
 from inercal.small_files import check_columns, csv_lines, is_file, read_toml, texts_of
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ MEASURED = "measured"
 GROUPS = ("lot", "station", MEASURED)  # columns by which results are compared
 _NEEDED = (ID, RECORDING)
 _PLACEHOLDER = re.compile(r"\{([A-Za-z_][\w.]*)(:number)?\}")
+_PARQUET = Isolation("a Parquet file", libraries=("pyarrow.parquet",), extra="fleet", key="")
 _LARGEST_TABLE = 1 << 30  # bytes
 
 
@@ -263,21 +265,18 @@ def _require_time(path: Path, where: str, text: str) -> None:
 
 
 def _parquet_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    with require_extra("fleet", f"{path} needs pyarrow", ("pyarrow",)):
-        pa: Any = import_module("pyarrow")
-        pq: Any = import_module("pyarrow.parquet")
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(
-            f"{path}: not a Parquet file: {str(error).splitlines()[0]}", file=path
-        ) from None
-    names: list[str] = table.column_names
+    names, columns = read_isolated(_PARQUET, path, _parquet_texts)
     check_columns(path, names, _NEEDED)
-    columns = [column.to_pylist() for column in table.columns]
     for k, cells in enumerate(zip(*columns, strict=True)):
-        texts = ("" if cell is None else str(cell) for cell in cells)
-        yield f"row {k + 1}", dict(zip(names, texts, strict=True))
+        yield f"row {k + 1}", dict(zip(names, cells, strict=True))
+
+
+def _parquet_texts(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Return the names of the columns of a Parquet file, and their cells as text."""
+    pq: Any = import_module("pyarrow.parquet")
+    table = pq.read_table(path, use_threads=False)
+    cells = (column.to_pylist() for column in table.columns)
+    return table.column_names, [["" if one is None else str(one) for one in c] for c in cells]
 
 
 def _fill(value: object, columns: Mapping[str, str]) -> object:

@@ -1,18 +1,28 @@
-"""Files that are written completely or not at all, and never over anything but a regular file."""
+"""Files that are written completely or not at all, and never over anything but a regular file.
+
+Until a file is complete it lies in a hidden folder beside its place. A program that is killed
+leaves the folder, without the lock that it had: the next one that writes there removes it.
+"""
 
 import os
+import re
 import shutil
 import stat
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from importlib import import_module
 from pathlib import Path
+from typing import IO, Any
 from uuid import uuid4
 
 from inercal.errors import InputError
 from inercal.visible_text import visible_text
 
-_PART = ".part"  # suffix of files and folders that are being written
+_PART = ".part"  # suffix of folders of files that are being written
+_LOCK = ".being-written"
+_LEFT_NAME = re.compile(rf"\.[0-9a-f]{{32}}{re.escape(_PART)}")
+_looked_through: set[Path] = set()
 _written: ContextVar[list[Path] | None] = ContextVar("written", default=None)
 
 
@@ -50,9 +60,9 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     'done'
     """
     target = writable_target(path)
-    # Opened by the caller under the user's umask, which tempfile would override with 0600.
-    temporary = target.with_name(f".{uuid4().hex}{_PART}")
-    with _parent_folder(target):
+    with _parent_folder(target), _part_folder(target) as folder:
+        # Opened by the caller under the user's umask, which tempfile would override with 0600.
+        temporary = folder / target.name
         try:
             yield temporary
             _replace(temporary, target, Path(path))
@@ -60,8 +70,6 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
             if error.filename in (None, str(temporary), str(target), temporary, target):
                 raise _write_error(target, error) from error
             raise
-        finally:
-            temporary.unlink(missing_ok=True)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
@@ -90,20 +98,66 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
         The folder cannot be written, or one of the paths is no regular file.
     """
     named, targets = targets, [writable_target(target) for target in targets]
-    folder = targets[0].parent / f".{uuid4().hex}{_PART}"
-    with _parent_folder(targets[0]):
-        try:
-            folder.mkdir()
-        except OSError as error:
-            raise _write_error(targets[0], error) from error
-        try:
-            parts = [folder / target.name for target in targets]
-            yield parts
-            for part, target, name in zip(parts, targets, named, strict=True):
-                if part.exists():
-                    _replace(part, target, name)
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
+    with _parent_folder(targets[0]), _part_folder(targets[0]) as folder:
+        parts = [folder / target.name for target in targets]
+        yield parts
+        for part, target, name in zip(parts, targets, named, strict=True):
+            if part.exists():
+                _replace(part, target, name)
+
+
+@contextmanager
+def _part_folder(target: Path) -> Generator[Path]:
+    """Make a folder for a file until it is complete, and remove those that nobody writes to."""
+    _remove_left_folders(target.parent)
+    try:
+        folder, lock = _make_part_folder(target.parent)
+    except OSError as error:
+        raise _write_error(target, error) from error
+    try:
+        with lock:
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _make_part_folder(parent: Path) -> tuple[Path, IO[bytes]]:
+    """Return a new folder, and its lock, which the system releases when this program ends."""
+    while True:
+        folder = parent / f".{uuid4().hex}{_PART}"
+        folder.mkdir()
+        # Until it is locked, another program may take it for one that was left.
+        with suppress(FileNotFoundError):
+            lock = (folder / _LOCK).open("wb")
+            if _lock(lock) is not False and (folder / _LOCK).exists():
+                return folder, lock
+            lock.close()
+
+
+def _remove_left_folders(parent: Path) -> None:
+    """Remove the folders of programs that were killed, once in the life of this one."""
+    if parent in _looked_through:
+        return
+    _looked_through.add(parent)
+    for folder in parent.glob(f".*{_PART}"):
+        if _LEFT_NAME.fullmatch(folder.name):
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
+            with suppress(OSError), (folder / _LOCK).open("r+b") as lock:
+                if _lock(lock):
+                    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _lock(file: IO[bytes]) -> bool | None:
+    """Lock a file; return False where another program has, None where there are no locks."""
+    try:
+        fcntl: Any = import_module("fcntl")
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except (ImportError, OSError):  # a system, or a store of files, without such locks
+        return None
+    return True
 
 
 @contextmanager

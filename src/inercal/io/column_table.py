@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.recording import LineBreaks, line_of_row
+from inercal.line_numbers import LineBreaks, line_of_row
 
 Column = Array | NDArray[np.int64] | NDArray[np.str_]
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
@@ -101,6 +101,8 @@ class Table:
     devices : str
         Which sensors the block columns are of, with the numbers that their controller gave them;
         empty where it is not known.
+    simulation : str
+        What made a simulated recording; empty where the file does not say so.
     time_zero : Fraction or None
         Time 0 of the column of times by the clock of a log of messages, ns; None in other files,
         whose columns hold what the clock showed.
@@ -117,6 +119,25 @@ class Table:
     line_breaks: LineBreaks = ()
     devices: str = ""
     time_zero: Fraction | None = None
+    simulation: str = ""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes; columns that are views of the block by their places in it."""
+        block = self.block
+        columns = {
+            name: column
+            if block is None or column.base is not block
+            else (column.ctypes.data - block.ctypes.data) // block.itemsize
+            for name, column in self.columns.items()
+        }
+        return vars(self) | {"columns": columns}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Set the attributes of a table that was pickled."""
+        vars(self).update(state)
+        for name, column in self.columns.items():
+            if isinstance(column, int) and self.block is not None:
+                self.columns[name] = self.block[:, column]
 
     def line(self, row: int) -> int | None:
         """Return the line of a row, counted from 0; None where it is not known."""

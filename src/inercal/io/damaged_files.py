@@ -2,10 +2,13 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from errno import EINVAL, EOVERFLOW
 from pathlib import Path
 
-from inercal.errors import InputError
+from inercal.errors import InercalError, InputError
 from inercal.io.column_table import shorten
+
+_OF_THE_BYTES = (None, 0, EINVAL, EOVERFLOW)  # as of a place before the begin of the file
 
 
 @contextmanager
@@ -13,7 +16,7 @@ def refuse_damage(path: Path, kind: str, advice: str) -> Generator[None]:
     """Raise an error that names the file for every error of a library.
 
     Libraries raise of many kinds on bytes that were changed. Errors of the system, such as a file
-    that may not be read, pass.
+    that may not be read or too little memory, pass.
 
     Parameters
     ----------
@@ -30,8 +33,10 @@ def refuse_damage(path: Path, kind: str, advice: str) -> Generator[None]:
     """
     try:
         yield
+    except (InercalError, ImportError, MemoryError):
+        raise
     except Exception as error:
-        if isinstance(error, InputError) or (isinstance(error, OSError) and error.errno):
+        if isinstance(error, OSError) and error.errno not in _OF_THE_BYTES:
             raise
         why = shorten(str(error) or type(error).__name__, 100)
         raise InputError(

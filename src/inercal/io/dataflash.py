@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.column_table import ReadRequest, Table
-from inercal.io.damaged_files import refuse_damage
 from inercal.io.dataflash_messages import HEAD, LoggedType, read_messages
+from inercal.io.isolation import Isolation
 from inercal.io.logged_corrections import (
     COPY_AGAIN,
     CORRECTIONS_OPTION,
@@ -34,7 +34,6 @@ from inercal.io.message_columns import (
     wanted_topics,
 )
 from inercal.io.readers import Reader
-from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION
 
 _FIRST = re.compile(r"IMU|(ACC|GYR)1?|(IMU|ACC|GYR)\[0\]")  # of several sensors
 _INERTIAL = re.compile(r"(IMU|ACC|GYR)(\d?)(?:\[(\d+)\])?")
@@ -45,9 +44,7 @@ Changes = Mapping[str, Sequence[tuple[int, float]]]
 """By parameter: times, ns, and values, in the order of the log."""
 
 
-def read_dataflash(
-    path: Path, wanted: ReadRequest, corrections: str = "undo", most_values: int = MOST_VALUES
-) -> Table:
+def read_dataflash(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Table:
     """Read messages of a DataFlash log.
 
     Parameters
@@ -56,8 +53,6 @@ def read_dataflash(
     wanted : ReadRequest
     corrections : "undo" or "keep"
         Whether corrected readings are turned back to what the sensors read.
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
@@ -74,27 +69,22 @@ def read_dataflash(
             bool(_INERTIAL.fullmatch(name)) if asked is None else name in asked
         )
 
-    with refuse_damage(path, "a DataFlash log", COPY_AGAIN):
-        types = read_messages(path, of_interest, most_values)
-        topics = {
-            one.topic: one for made in types.values() for one in _by_instance(path.name, made)
-        }
-        known = dict.fromkeys([*topics, *(name for name in types if not types[name].raw)])
-        first = [topic for topic in topics if _FIRST.fullmatch(topic)]
-        used = wanted_topics(wanted, list(known), first or list(topics), path.name)
-        require_messages(used, topics, path.name)
-        changes = _parameters(types.get("PARM"))
-        stated: list[str] = []
-        devices: dict[str, int] = {}
-        messages: list[Messages] = []
-        for topic in used:
-            changed, words = _uncorrected(path.name, topics[topic], changes, wanted, keep)
-            stated += words
-            devices |= _devices(topics[topic], changes, wanted)
-            messages.append(
-                Messages(topic, topics[topic].time, dict(topics[topic].fields) | changed)
-            )
-        return table_from_messages(path, messages, wanted, most_values, stated, devices)
+    types = read_messages(path, of_interest)
+    topics = {one.topic: one for made in types.values() for one in _by_instance(path.name, made)}
+    known = dict.fromkeys([*topics, *(name for name in types if not types[name].raw)])
+    first = [topic for topic in topics if _FIRST.fullmatch(topic)]
+    used = wanted_topics(wanted, list(known), first or list(topics), path.name)
+    require_messages(used, topics, path.name)
+    changes = _parameters(types.get("PARM"))
+    stated: list[str] = []
+    devices: dict[str, int] = {}
+    messages: list[Messages] = []
+    for topic in used:
+        changed, words = _uncorrected(path.name, topics[topic], changes, wanted, keep)
+        stated += words
+        devices |= _devices(topics[topic], changes, wanted)
+        messages.append(Messages(topic, topics[topic].time, dict(topics[topic].fields) | changed))
+    return table_from_messages(path, messages, wanted, stated, devices)
 
 
 def _type_name(column: str) -> str:
@@ -250,5 +240,6 @@ READER = Reader(
     "dataflash",
     read_dataflash,
     content=((0, HEAD),),
-    options=(CORRECTIONS_OPTION, MOST_VALUES_OPTION),
+    options=(CORRECTIONS_OPTION,),
+    isolation=Isolation("a DataFlash log", COPY_AGAIN),
 )

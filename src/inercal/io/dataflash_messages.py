@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.io.column_table import shorten
-from inercal.io.size_limits import refuse_too_many_values
 
 HEAD = b"\xa3\x95"
 _FMT, _FMT_BYTES = 128, 89
@@ -84,9 +83,7 @@ class LoggedType:
         return found
 
 
-def read_messages(
-    path: Path, wanted: Callable[[str], bool], most_values: int
-) -> dict[str, LoggedType]:
+def read_messages(path: Path, wanted: Callable[[str], bool]) -> dict[str, LoggedType]:
     """Return the types of a log by name; those that are wanted have their messages.
 
     The last message may be cut off: so ends a log when power is lost.
@@ -96,19 +93,17 @@ def read_messages(
     path : Path
     wanted : callable
         From the name of a type to whether its messages are kept.
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        Not such a log, a damaged one, or too many values.
+        Not such a log, or a damaged one.
     OSError
         The file cannot be read.
     """
     types: dict[int, LoggedType] = {_FMT: LoggedType("FMT", _FMT_BYTES, "", ())}
     kept: dict[int, bytearray] = {}
-    size = start = 0
+    start = 0
     rest = b""
     with path.open("rb") as file:
         while block := file.read(_BLOCK):
@@ -128,9 +123,7 @@ def read_messages(
                         kept[number] = types[number].raw
                 elif kind in kept:
                     kept[kind] += data[at:end]
-                    size += end - at
                 at = end
-            refuse_too_many_values(size, most_values, path.name)
             start += at
             rest = data[at:]
     if len(types) == 1:

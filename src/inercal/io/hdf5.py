@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.errors import InputError, require_extra
-from inercal.io.column_table import ReadRequest, Table, label_array, row_blocks, shorten
+from inercal.errors import InputError
+from inercal.io.column_table import ReadRequest, Table
+from inercal.io.isolation import Isolation
 from inercal.io.readers import Reader
-from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 from inercal.io.variables import (
     CELL,
     COMPLEX,
-    DAMAGED,
     FUNCTION,
     OBJECT,
     SPARSE,
@@ -29,11 +28,10 @@ from inercal.io.variables import (
 )
 
 ELSEWHERE = "is stored outside this file or put together from others: save its values in it"
-_TEXTS_AT_A_TIME = 64  # texts
 _MOST_PACKED = 1100  # times; deflate reaches 1032
 
 
-def read_hdf5(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
+def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from an HDF5 file or a MATLAB file of version 7.3, some samples at a time.
 
     Parameters
@@ -42,43 +40,25 @@ def read_hdf5(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -
         Data sets (n,), (n, k) or (k, n), in groups or not; text is labels. See
         `inercal.io.variables` for the names of columns. Links to other files are not followed.
     wanted : ReadRequest
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        h5py is not installed, the file is damaged or declares too many values, or its variables
-        form no table.
+        Its variables form no table.
     """
-    h5py = _h5py()
-    try:
-        with h5py.File(path, "r") as file:
-            variables = list(_variables(h5py, file, "", set()))
-            return table_from_variables(path, variables, wanted, most_values)
-    except DAMAGED as error:
-        raise InputError(
-            f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}; write the "
-            "file again"
-        ) from error
+    h5py: Any = import_module("h5py")
+    with h5py.File(path, "r") as file:
+        return table_from_variables(path, list(_variables(h5py, file, "", set())), wanted)
 
 
 def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
     """Return names and length of the columns of numbers of a file.
 
-    None where one of them is text, and of a damaged file: reading it whole names the damage.
-
-    Raises
-    ------
-    InputError
-        h5py is not installed.
+    None where one of them is text.
     """
-    h5py = _h5py()
-    try:
-        with h5py.File(path, "r") as file:
-            return number_columns(list(_variables(h5py, file, "", set())))
-    except DAMAGED:
-        return None
+    h5py: Any = import_module("h5py")
+    with h5py.File(path, "r") as file:
+        return number_columns(list(_variables(h5py, file, "", set())))
 
 
 def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
@@ -89,20 +69,10 @@ def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
     path : Path
     names : sequence of str
         Of `long_columns`.
-
-    Raises
-    ------
-    InputError
-        The file is damaged.
     """
-    h5py = _h5py()
-    try:
-        with h5py.File(path, "r") as file:
-            yield from column_blocks(list(_variables(h5py, file, "", set())), names)
-    except DAMAGED as error:
-        raise InputError(
-            f"{path.name} is damaged: {shorten(str(error), 120)}; write the file again", file=path
-        ) from error
+    h5py: Any = import_module("h5py")
+    with h5py.File(path, "r") as file:
+        yield from column_blocks(list(_variables(h5py, file, "", set())), names)
 
 
 class Group(NamedTuple):
@@ -123,47 +93,26 @@ def read_group(path: Path, group: str, names: Sequence[str]) -> Group:
     group : str
     names : sequence of str
         Of numeric data sets.
-
-    Raises
-    ------
-    InputError
-        h5py is not installed, or the file is damaged.
     """
-    h5py = _h5py()
-    try:
-        with h5py.File(path, "r") as file:
-            linked = file.get(group, getlink=True)
-            found: Any = file[group] if isinstance(linked, h5py.HardLink) else None
-            if not isinstance(found, h5py.Group):
-                return Group({}, {})
-            attributes = {
-                str(name): value.item() if hasattr(value, "item") and value.size == 1 else value
-                for name, value in found.attrs.items()
-            }
-            there = [
-                name
-                for name in names
-                if isinstance(found.get(name, getlink=True), h5py.HardLink)
-                and isinstance(found[name], h5py.Dataset)
-                and found[name].dtype.kind == "f"
-                and not (found[name].external or found[name].is_virtual)
-            ]
-            size = sum(found[name].size * found[name].dtype.itemsize for name in there)
-            refuse_too_many_values(size, MOST_VALUES, path.name)
-            return Group(attributes, {name: np.asarray(found[name][()], float) for name in there})
-    except DAMAGED as error:
-        raise InputError(
-            f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}; write the "
-            "file again",
-            file=path,
-        ) from error
-
-
-def _h5py() -> Any:
-    """Return the package: imported only for such a file, since it is an extra."""
-    needs = "HDF5 files and .mat files of version 7.3 need h5py"
-    with require_extra("io", needs, ("h5py",)):
-        return import_module("h5py")
+    h5py: Any = import_module("h5py")
+    with h5py.File(path, "r") as file:
+        linked = file.get(group, getlink=True)
+        found: Any = file[group] if isinstance(linked, h5py.HardLink) else None
+        if not isinstance(found, h5py.Group):
+            return Group({}, {})
+        attributes = {
+            str(name): value.item() if hasattr(value, "item") and value.size == 1 else value
+            for name, value in found.attrs.items()
+        }
+        there = [
+            name
+            for name in names
+            if isinstance(found.get(name, getlink=True), h5py.HardLink)
+            and isinstance(found[name], h5py.Dataset)
+            and found[name].dtype.kind == "f"
+            and not (found[name].external or found[name].is_virtual)
+        ]
+        return Group(attributes, {name: np.asarray(found[name][()], float) for name in there})
 
 
 def _variables(h5py: Any, group: Any, before: str, seen: set[int]) -> Iterator[Variable]:
@@ -222,14 +171,8 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
 
 
 def _texts(data: Any) -> list[str]:
-    """Return the texts of a data set: few at a time, since many may refer to one long text."""
-    texts: list[str] = []
-    text, flat = data.asstr(), data.ndim == 1
-    for rows in row_blocks(len(data), _TEXTS_AT_A_TIME if flat else 1):
-        part = text[rows]
-        texts += [str(one) for one in np.ravel(part)]
-        label_array(texts[-part.size :], data.name[1:], Path(data.file.filename).name)
-    return texts
+    """Return the texts of a data set."""
+    return [str(one) for one in np.ravel(data.asstr()[()])]
 
 
 def _character_rows(data: Any) -> list[str]:
@@ -253,11 +196,12 @@ def _cell_texts(data: Any) -> list[str]:
     return texts
 
 
+ISOLATION = Isolation("an HDF5 file", libraries=("h5py",), extra="io")
 # At 124 a MATLAB file of version 7.3 states its version, and IM or MI for the order of bytes.
 READER = Reader(
     "hdf5",
     read_hdf5,
     content=((0, b"\x89HDF"), (124, b"\0\2IM"), (124, b"\2\0MI")),
     suffixes=(".h5", ".hdf5"),
-    options=(MOST_VALUES_OPTION,),
+    isolation=ISOLATION,
 )

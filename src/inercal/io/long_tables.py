@@ -16,10 +16,12 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.io.column_table import BLOCK_ROWS, Column, Table, file_sha256, shorten
+from inercal.io.column_table import BLOCK_ROWS, Column, Table, file_sha256
 from inercal.io.hdf5 import long_blocks, long_columns
+from inercal.io.isolation import read_isolated, stream_isolated
 from inercal.io.plain_numbers import plain_blocks
 from inercal.io.read import detect_reader
+from inercal.io.readers import Reader
 from inercal.io.text_layout import TextLayout, sniff
 
 HEAD_ROWS = 1 << 15
@@ -85,11 +87,11 @@ def open_long_table(path: Path, most_values: int) -> LongTable | None:
     InputError
         The file cannot be read.
     """
-    opener = _OPENERS.get(detect_reader(path).name)
+    reader = detect_reader(path)
     # No format packs a value into less than a thousandth of a byte, and few files are so long.
-    if opener is None or (path.suffix != ".npz" and path.stat().st_size < most_values // 8):
+    if path.suffix != ".npz" and path.stat().st_size < most_values // 8:
         return None
-    found = opener(path)
+    found = _open_text(path) if reader.name == "text" else _open_packed(path, reader)
     if found is None or found.rows * len(found.names) <= most_values:
         return None
     return found
@@ -110,20 +112,29 @@ def _text_blocks(path: Path, layout: TextLayout, names: Sequence[str]) -> Iterat
     return plain_blocks(path, layout, [layout.names.index(name) for name in names])
 
 
-def _open_parquet(path: Path) -> LongTable | None:
+def _open_packed(path: Path, reader: Reader) -> LongTable | None:
+    """Return a file of a library as a long table, which a process of its own reads."""
+    if reader.name not in _PACKED or reader.isolation is None:
+        return None
+    columns, blocks = _PACKED[reader.name]
+    try:
+        found: _Shape | None = read_isolated(reader.isolation, path, columns)
+    except InputError:
+        return None  # read whole, its reader names what is wrong
+    read = partial(stream_isolated, reader.isolation, path, blocks)
+    return None if found is None else LongTable(path, *found, read)
+
+
+def _parquet_columns(path: Path) -> "_Shape | None":
     if find_spec("pyarrow") is None:
         return None
     parquet: Any = import_module("pyarrow.parquet")
     types: Any = import_module("pyarrow").types
-    try:
-        metadata = parquet.read_metadata(path)
-        schema = parquet.read_schema(path)
-    except (ValueError, OSError):
-        return None  # read whole, its reader names the damage
+    metadata = parquet.read_metadata(path)
+    schema = parquet.read_schema(path)
     if not all(types.is_integer(one) or types.is_floating(one) for one in schema.types):
         return None
-    names = tuple(map(str, schema.names))
-    return LongTable(path, names, int(metadata.num_rows), partial(_parquet_blocks, path))
+    return tuple(map(str, schema.names)), int(metadata.num_rows)
 
 
 def _parquet_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
@@ -137,11 +148,6 @@ def _parquet_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
             yield np.stack([np.asarray(one, dtype=np.float64) for one in columns], axis=1)
 
 
-def _open_hdf5(path: Path) -> LongTable | None:
-    found = long_columns(path)
-    return None if found is None else LongTable(path, *found, partial(long_blocks, path))
-
-
 @dataclass(frozen=True)
 class _Member:
     """An array of an archive: its shape and type, and where its values begin."""
@@ -151,13 +157,11 @@ class _Member:
     dtype: np.dtype[Any]
 
 
-def _open_npz(path: Path) -> LongTable | None:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = [_member(archive, name) for name in archive.namelist()]
-            titles = _titles(archive, path)
-    except (zipfile.BadZipFile, ValueError, OSError):
-        return None
+def _npz_members(path: Path) -> tuple[tuple[_Member, ...], tuple[str, ...]] | None:
+    """Return the arrays of numbers of an archive and the names of its columns; None for others."""
+    with zipfile.ZipFile(path) as archive:
+        members = [_member(archive, name) for name in archive.namelist()]
+        titles = _titles(archive, path)
     numbers = [one for one in members if one is not None and one.name != "columns"]
     if len(numbers) < len([one for one in members if one is None or one.name != "columns"]):
         return None
@@ -172,8 +176,12 @@ def _open_npz(path: Path) -> LongTable | None:
             return None
     if len({one.shape[0] for one in numbers}) != 1:
         return None
-    read = partial(_npz_blocks, path, tuple(numbers), names)
-    return LongTable(path, names, numbers[0].shape[0], read)
+    return tuple(numbers), names
+
+
+def _npz_columns(path: Path) -> "_Shape | None":
+    found = _npz_members(path)
+    return None if found is None else (found[1], found[0][0].shape[0])
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> _Member | None:
@@ -200,31 +208,25 @@ def _titles(archive: zipfile.ZipFile, path: Path) -> tuple[str, ...] | None:
         return tuple(map(str, file["columns"]))
 
 
-def _npz_blocks(
-    path: Path, members: tuple[_Member, ...], all_names: tuple[str, ...], names: Sequence[str]
-) -> Iterator[Array]:
+def _npz_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
+    found = _npz_members(path)
+    assert found is not None
+    members, all_names = found
     block = members[0].name == "data" and len(members[0].shape) == 2
     chosen = members if block else tuple(m for name in names for m in members if m.name == name)
     places = [all_names.index(name) for name in names] if block else []
     rows = members[0].shape[0]
-    try:
-        with zipfile.ZipFile(path) as archive:
-            files = [archive.open(f"{one.name}.npy") for one in chosen]
-            for one in files:
-                version = np.lib.format.read_magic(one)  # type: ignore[arg-type]
-                read = np.lib.format.read_array_header_1_0
-                read = read if version == (1, 0) else np.lib.format.read_array_header_2_0
-                read(one)  # type: ignore[arg-type]
-            for start in range(0, rows, BLOCK_ROWS):
-                count = min(BLOCK_ROWS, rows - start)
-                parts = [_values(*one, count) for one in zip(files, chosen, strict=True)]
-                yield parts[0][:, places] if block else np.concatenate(parts, axis=1)
-            for one in files:
-                one.close()
-    except (zipfile.BadZipFile, ValueError, EOFError) as error:
-        raise InputError(
-            f"{path.name} is damaged: {shorten(str(error), 120)}; write the file again", file=path
-        ) from error
+    with zipfile.ZipFile(path) as archive:
+        files = [archive.open(f"{one.name}.npy") for one in chosen]
+        for one in files:
+            version = np.lib.format.read_magic(one)  # type: ignore[arg-type]
+            read = np.lib.format.read_array_header_1_0
+            read = read if version == (1, 0) else np.lib.format.read_array_header_2_0
+            read(one)  # type: ignore[arg-type]
+        for start in range(0, rows, BLOCK_ROWS):
+            count = min(BLOCK_ROWS, rows - start)
+            parts = [_values(*one, count) for one in zip(files, chosen, strict=True)]
+            yield parts[0][:, places] if block else np.concatenate(parts, axis=1)
 
 
 def _values(file: Any, member: _Member, rows: int) -> Array:
@@ -237,9 +239,9 @@ def _values(file: Any, member: _Member, rows: int) -> Array:
     return found.reshape(rows, width).astype(np.float64)
 
 
-_OPENERS: dict[str, Callable[[Path], LongTable | None]] = {
-    "text": _open_text,
-    "parquet": _open_parquet,
-    "npz": _open_npz,
-    "hdf5": _open_hdf5,
+_Shape = tuple[tuple[str, ...], int]  # names of the columns, and rows
+_PACKED: dict[str, tuple[Callable[[Path], _Shape | None], Callable[..., Iterator[Array]]]] = {
+    "parquet": (_parquet_columns, _parquet_blocks),
+    "npz": (_npz_columns, _npz_blocks),
+    "hdf5": (long_columns, long_blocks),
 }

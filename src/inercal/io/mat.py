@@ -1,6 +1,5 @@
 """MATLAB files up to version 7, through SciPy; those of version 7.3 are HDF5 (see `hdf5`)."""
 
-import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
@@ -12,13 +11,11 @@ from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.io.column_table import ReadRequest, Table, shorten
-from inercal.io.mat_sizes import loaded_sizes
+from inercal.io.isolation import Isolation
 from inercal.io.readers import Reader
-from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 from inercal.io.variables import (
     CELL,
     COMPLEX,
-    DAMAGED,
     FUNCTION,
     OBJECT,
     SPARSE,
@@ -32,7 +29,7 @@ _NUMBERS = {"double", "single", "logical"} | {
 }
 
 
-def read_mat(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
+def read_mat(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from a MATLAB file of version 4, 6 or 7.
 
     Parameters
@@ -41,36 +38,14 @@ def read_mat(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) ->
         Vectors and matrices, in structs or not; cells of text or rows of letters are labels. See
         `inercal.io.variables` for the names of columns.
     wanted : ReadRequest
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        Too many values, a damaged file, or variables that form no table.
+        Variables that form no table.
     """
     scipy_io: Any = import_module("scipy.io")
-    try:
-        _refuse_too_large(path, most_values)
-        with warnings.catch_warnings():  # on variables stored twice or not readable
-            warnings.simplefilter("ignore")
-            return table_from_variables(path, _variables(path, scipy_io), wanted, most_values)
-    except (*DAMAGED, scipy_io.matlab.MatReadError) as error:
-        raise InputError(
-            f"{path.name} is not a MATLAB file or is damaged: {shorten(str(error), 120)}; write "
-            "the file again"
-        ) from error
-
-
-def _refuse_too_large(path: Path, most_values: int) -> None:
-    """Refuse a file of version 7 with variables that are larger than what is read.
-
-    Numbers are loaded one by one, and only if used; what holds others is loaded whole.
-    """
-    whole = 0
-    for size, holds_others in loaded_sizes(path, 8 * most_values):
-        whole += size if holds_others else 0
-        refuse_too_many_values(max(size, whole), most_values, path.name)
+    return table_from_variables(path, _variables(path, scipy_io), wanted)
 
 
 def _variables(path: Path, scipy_io: Any) -> list[Variable]:
@@ -101,7 +76,7 @@ def _variable(
     elif kind in ("char", "cell", "struct"):
         try:
             yield from _contents(name, load(name))
-        except DAMAGED as error:
+        except Exception as error:  # SciPy raises of many kinds on what it cannot read
             yield Variable(name, refused=f"cannot be read: {shorten(str(error), 120)}")
     else:
         reasons = {"sparse": SPARSE, "function": FUNCTION}
@@ -161,5 +136,5 @@ READER = Reader(
     content=((0, b"MATLAB 5.0 MAT-file"), (124, b"\0\1IM"), (124, b"\1\0MI")),
     suffixes=(".mat",),
     binary=True,
-    options=(MOST_VALUES_OPTION,),
+    isolation=Isolation("a MATLAB file", libraries=("scipy.io",)),
 )

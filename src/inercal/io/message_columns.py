@@ -26,7 +26,6 @@ from inercal.io.column_table import (
     shorten,
 )
 from inercal.io.nearest_times import nearest_samples
-from inercal.io.size_limits import refuse_too_many_values
 
 TIME = "time"  # the column of times
 _NS = 10**9
@@ -119,7 +118,6 @@ def table_from_messages(
     path: Path,
     messages: Sequence[Messages],
     wanted: ReadRequest,
-    most_values: int,
     kept_corrections: Sequence[str] = (),
     devices: Mapping[str, int] | None = None,
 ) -> Table:
@@ -131,8 +129,6 @@ def table_from_messages(
     messages : sequence of Messages
         Of the wanted topics.
     wanted : ReadRequest
-    most_values : int
-        See `inercal.io.size_limits`.
     kept_corrections : sequence of str
         See `inercal.io.column_table.Table`.
     devices : mapping of str to int
@@ -141,8 +137,7 @@ def table_from_messages(
     Raises
     ------
     InputError
-        No message, a wanted column that the messages lack, topics that do not overlap in time, or
-        too many values.
+        No message, a wanted column that the messages lack, or topics that do not overlap in time.
     """
     source = path.name
     names = (TIME, *(column for topic in messages for column in topic.columns))
@@ -160,7 +155,6 @@ def table_from_messages(
     base = min(sampled, key=lambda topic: topic.time.size)
     at, keep = _joined(base, messages, sampled, source)
     rows = int(keep.sum())
-    refuse_too_many_values(8.0 * rows * len(chosen), most_values, source)
     start = int(base.time[keep][0])
     columns: dict[str, Column] = {}
     blank, block = wanted.empty_columns(rows, chosen)

@@ -2,7 +2,6 @@
 
 import zipfile
 from collections.abc import Iterator
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +19,11 @@ from inercal.io.column_table import (
     refuse_unequal_lengths,
     select_columns,
 )
-from inercal.io.damaged_files import refuse_damage
+from inercal.io.isolation import Isolation
 from inercal.io.readers import Reader
-from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
-
-_MAGIC = b"\x93NUMPY"
 
 
-def read_npz(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
+def read_npz(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from a .npz file, one array at a time.
 
     Parameters
@@ -35,50 +31,18 @@ def read_npz(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) ->
     path : Path
         Arrays (n,) by name of the column; or "data" (n, k) with "columns" (k,) of str.
     wanted : ReadRequest
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        Too many values, a damaged archive, pickled objects, or arrays that do not form a table.
+        Pickled objects, or arrays that do not form a table.
     OSError
         The file cannot be read.
     """
-    # After an error NumPy leaves open a file that it opened itself.
-    with path.open("rb") as file, refuse_damage(path, "an .npz archive", "write the file again"):
-        zipfile.ZipFile(file).close()
-        file.seek(0)
-        with np.load(file, allow_pickle=False) as archive:
-            _refuse_too_large(archive, wanted, path.name, most_values)
-            names, columns, block = _columns(archive, wanted, path.name)
+    zipfile.ZipFile(path).close()  # NumPy would take other files for arrays
+    with np.load(path, allow_pickle=False) as archive:
+        names, columns, block = _columns(archive, wanted, path.name)
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
-
-
-def _refuse_too_large(archive: Any, wanted: ReadRequest, source: str, most_values: int) -> None:
-    """Refuse an archive whose wanted arrays are too large, by their headers alone."""
-    names = set(archive.files)
-    if wanted.names is not None and not {"data", "columns"} <= names:
-        names &= set(wanted.names)
-    size = 0
-    for member in archive.zip.namelist():
-        name = member.removesuffix(".npy")
-        if name not in names:
-            continue
-        with archive.zip.open(member) as stored:
-            if member == name or stored.read(len(_MAGIC)) != _MAGIC:
-                raise InputError(
-                    f"{source}: {name!r} is not an array; if the file is a workbook, save it as "
-                    "CSV",
-                    names=(name,),
-                )
-        with archive.zip.open(member) as stored:
-            version = np.lib.format.read_magic(stored)
-            read = np.lib.format.read_array_header_1_0
-            read = read if version == (1, 0) else np.lib.format.read_array_header_2_0
-            shape, _, dtype = read(stored)
-        size += prod(shape) * dtype.itemsize
-    refuse_too_many_values(size, most_values, source)
 
 
 def _columns(
@@ -166,5 +130,5 @@ READER = Reader(
     read_npz,
     content=((0, b"PK\x03\x04"),),
     suffixes=(".npz",),
-    options=(MOST_VALUES_OPTION,),
+    isolation=Isolation("an .npz archive"),
 )

@@ -18,15 +18,14 @@ from inercal.io.column_table import (
     file_sha256,
     label_array,
     select_columns,
-    shorten,
 )
+from inercal.io.isolation import Isolation
 from inercal.io.readers import Reader
-from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
 _BUFFER = 1 << 20  # bytes of each column read at a time
 
 
-def read_parquet(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
+def read_parquet(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from a Parquet file, some rows at a time; missing numbers become NaN.
 
     Parameters
@@ -34,36 +33,25 @@ def read_parquet(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES
     path : Path
         A Parquet file of numbers and text.
     wanted : ReadRequest
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        pyarrow is not installed, the file is damaged or declares too many values, or a column is
-        neither numbers nor text.
+        pyarrow is not installed, the file is damaged, or a column is neither numbers nor text.
     """
     pyarrow = _pyarrow()
-    try:
-        schema = pyarrow.parquet.read_schema(path)
-        names = tuple(str(name) for name in schema.names)
-        chosen = select_columns(names, wanted.names, path.name)
-        texts = [k for k in chosen if _is_text(pyarrow, schema.field(k).type, k, False, path.name)]
-        with pyarrow.parquet.ParquetFile(
-            path,
-            page_checksum_verification=True,
-            pre_buffer=False,
-            buffer_size=_BUFFER,
-            read_dictionary=texts,  # a long text that many rows have is decoded once
-        ) as file:
-            size = _decoded_size(file.metadata, chosen)
-            refuse_too_many_values(size, most_values, path.name)
-            columns, block = _columns(pyarrow, file, chosen, wanted, path.name)
-    except (pyarrow.ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
-        raise InputError(
-            f"{path.name} is not a Parquet file or is damaged: {shorten(str(error), 120)}; write "
-            "the file again"
-        ) from error
+    schema = pyarrow.parquet.read_schema(path)
+    names = tuple(str(name) for name in schema.names)
+    chosen = select_columns(names, wanted.names, path.name)
+    texts = [k for k in chosen if _is_text(pyarrow, schema.field(k).type, k, False, path.name)]
+    with pyarrow.parquet.ParquetFile(
+        path,
+        page_checksum_verification=True,
+        pre_buffer=False,
+        buffer_size=_BUFFER,
+        read_dictionary=texts,  # a long text that many rows have is decoded once
+    ) as file:
+        columns, block = _columns(pyarrow, file, chosen, wanted, path.name)
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
 
 
@@ -105,19 +93,6 @@ def _columns(
     for name, parts in stamps.items():
         columns[name] = wanted.number_column(name, np.concatenate(parts))
     return {name: columns[name] for name in chosen}, block
-
-
-def _decoded_size(metadata: Any, chosen: list[str]) -> int:
-    """Return the larger of the bytes that pages and rows of the chosen columns declare."""
-    pages = 0
-    for k in range(metadata.num_row_groups):
-        group = metadata.row_group(k)
-        for j in range(group.num_columns):
-            column = group.column(j)
-            # The path of a column of numbers or text is its name.
-            if column.path_in_schema in chosen:
-                pages += column.total_uncompressed_size
-    return max(pages, 8 * metadata.num_rows * len(chosen))
 
 
 def write_parquet(path: Path, columns: dict[str, Column], metadata: Mapping[str, str]) -> None:
@@ -179,5 +154,5 @@ READER = Reader(
     read_parquet,
     content=((0, b"PAR1"),),
     suffixes=(".parquet", ".pq"),
-    options=(MOST_VALUES_OPTION,),
+    isolation=Isolation("a Parquet file", libraries=("pyarrow.parquet",), extra="io"),
 )

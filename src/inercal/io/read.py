@@ -1,9 +1,11 @@
 """Tables and recordings from files of all registered formats."""
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -11,9 +13,16 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.audit import audit, audit_rows, require_accepted
 from inercal.io.column_table import ReadRequest, Table, open_error
+from inercal.io.isolation import MOST_VALUES_KEY, read_isolated
 from inercal.io.nearest_times import nearest_samples
-from inercal.io.readers import HEAD_BYTES, Reader, refuse_unknown_options, select_reader
-from inercal.io.simulation_mark import read_simulation_mark
+from inercal.io.readers import (
+    HEAD_BYTES,
+    MOST_VALUES_OPTION,
+    Reader,
+    refuse_unknown_options,
+    select_reader,
+)
+from inercal.io.simulation_mark import stored_mark
 from inercal.io.table_recording import (
     Columns,
     number_block,
@@ -55,7 +64,8 @@ def read_table(
     """
     path, options = Path(path), options or {}
     _refuse_unknown_options(options, path)
-    return _read(path, ReadRequest(wanted, text), options)
+    names = None if wanted is None else tuple(wanted)
+    return _read(path, ReadRequest(names, tuple(text)), options)
 
 
 def detect_reader(path: Path) -> Reader:
@@ -88,8 +98,16 @@ def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Tab
     """Return the table of a file; the reader takes the options that it knows."""
     reader = detect_reader(path)
     before = _state(path)
+    read = partial(reader.read, **reader.option_values(options))
     try:
-        table = reader.read(path, wanted, **reader.option_values(options))
+        if reader.isolation is None:
+            table = _read_marked(path, read, wanted)
+        else:
+            most = cast(int | None, options.get(MOST_VALUES_OPTION.name))
+            table = read_isolated(
+                reader.isolation, path, _read_marked, read, wanted, most_values=most
+            )
+            _refuse_too_many_values(table, most)
     except OSError as error:
         raise open_error(path, error) from error
     except Exception as error:
@@ -101,6 +119,22 @@ def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Tab
     if _state(path) != before:
         raise _changed_error(path)
     return table
+
+
+def _read_marked(path: Path, read: Callable[..., Table], wanted: ReadRequest) -> Table:
+    """Return the table of a file with its mark of a simulation."""
+    return replace(read(path, wanted), simulation=stored_mark(path))
+
+
+def _refuse_too_many_values(table: Table, most: int | None) -> None:
+    """Refuse a table of more values than the data section states."""
+    values = sum(column.size for column in table.columns.values())
+    if most is not None and values > most:
+        raise InputError(
+            f"{table.source} has {values} values in the columns that are read, more than "
+            f"{MOST_VALUES_KEY} = {most}: export the used columns alone, or state more",
+            key=MOST_VALUES_KEY,
+        )
 
 
 def _state(path: Path) -> tuple[int, int, int] | None:
@@ -182,9 +216,7 @@ def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> 
         )
     files = [path] if second is None else [path, second]
     _refuse_unknown_options(columns.options, *files)
-    recording = _read_together(path, columns, second)
-    marks = filter(None, map(read_simulation_mark, files))
-    return replace(recording, simulation=next(marks, ""))
+    return _read_together(path, columns, second)
 
 
 def _read_together(path: Path, columns: Columns, second: Path | None) -> Recording:
@@ -204,6 +236,7 @@ def _read_together(path: Path, columns: Columns, second: Path | None) -> Recordi
         first_row=recording.first_row if other.first_line == recording.first_row else 0,
         line_breaks=recording.line_breaks if other.line_breaks == recording.line_breaks else (),
         kept_corrections="; ".join(kept),
+        simulation=recording.simulation or other.simulation,
     )
 
 
@@ -242,6 +275,7 @@ def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
         units=first.units + further.units,
         source=first.source if path == second else f"{first.source} and {further.source}",
         kept_corrections="; ".join(texts),
+        simulation=first.simulation or further.simulation,
     )
 
 

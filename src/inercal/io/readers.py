@@ -18,6 +18,7 @@ from typing import get_args
 
 from inercal.errors import InputError
 from inercal.io.column_table import Table
+from inercal.io.isolation import MOST_VALUES, MOST_VALUES_KEY, Isolation
 from inercal.registry import Registry
 
 HEAD_BYTES = 128
@@ -59,6 +60,14 @@ class Option:
         return " or ".join(_WORDS[kind] for kind in _member_types(self.type))
 
 
+MOST_VALUES_OPTION = Option(
+    MOST_VALUES_KEY.split()[-1],
+    int,
+    MOST_VALUES,
+    "values of 8 bytes that the file holds in the columns that are read, at most",
+)
+
+
 def _member_types(kind: type | UnionType) -> tuple[type, ...]:
     return get_args(kind) if isinstance(kind, UnionType) else (kind,)
 
@@ -79,6 +88,10 @@ class Reader:
     binary : bool
         Whether the suffix counts only where a zero byte is among the first 128 bytes.
     options : tuple of Option
+    isolation : Isolation or None
+        How it reads in a process of its own, as it should where damaged bytes can crash a library;
+        `MOST_VALUES_OPTION` is then a further option, which it is not called with. None where it
+        reads in this process.
     """
 
     name: str
@@ -87,6 +100,7 @@ class Reader:
     suffixes: tuple[str, ...] = ()
     binary: bool = False
     options: tuple[Option, ...] = ()
+    isolation: Isolation | None = None
 
     def has_content(self, head: bytes) -> bool:
         """Return whether a file that begins so is of this format."""
@@ -98,8 +112,9 @@ class Reader:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Names of its options."""
-        return tuple(option.name for option in self.options)
+        """Names of its options, that of isolation the last."""
+        names = tuple(option.name for option in self.options)
+        return names if self.isolation is None else (*names, MOST_VALUES_OPTION.name)
 
     def option_values(self, given: Mapping[str, object]) -> dict[str, object]:
         """Return the options of this reader, with default where no value is given.
@@ -109,7 +124,7 @@ class Reader:
         InputError
             A value of another type.
         """
-        for option in self.options:
+        for option in (*self.options, MOST_VALUES_OPTION):
             if option.name in given and not option.accepts(value := given[option.name]):
                 raise InputError(
                     f"[data] {option.name} is {value!r}; reader {self.name} takes "

@@ -5,6 +5,7 @@ them (REP 103, REP 145). Messages of types that ROS itself defines are read, by 
 rosbags has; definitions in the file would be code of another.
 """
 
+import sys
 from array import array
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing
@@ -16,31 +17,28 @@ from urllib.parse import quote
 
 import numpy as np
 
-from inercal.errors import InputError, require_extra
+from inercal.errors import InputError
 from inercal.io.column_table import ReadRequest, Table
-from inercal.io.damaged_files import refuse_damage
+from inercal.io.isolation import Isolation
 from inercal.io.message_columns import Messages, table_from_messages, wanted_topics
 from inercal.io.readers import Option, Reader
 from inercal.io.ros_chunks import (
     BAG,
     MCAP,
     SQLITE,
-    ZSTD,
     check_bag,
     check_mcap,
     check_sqlite,
-    decode_message,
 )
-from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
 _IMU = "sensor_msgs/msg/Imu"
+_ZSTD = b"\x28\xb5\x2f\xfd"  # a message that was compressed by itself
+_LIBRARIES = ("rosbags.rosbag1", "rosbags.rosbag2", "rosbags.typesys")
 _DEEPEST = 8  # nested messages
 _READINGS = ("linear_acceleration", "angular_velocity")
 
 
-def read_rosbag(
-    path: Path, wanted: ReadRequest, stamp: str = "header", most_values: int = MOST_VALUES
-) -> Table:
+def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table:
     """Read topics of a bag of ROS 1 or ROS 2.
 
     Parameters
@@ -49,13 +47,11 @@ def read_rosbag(
     wanted : ReadRequest
     stamp : "header" or "received"
         Whose times: those that the driver stamped, or those at which the messages were recorded.
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        rosbags is not installed, a damaged bag, a topic or field that it lacks, or no stamps.
+        A damaged bag, a topic or field that it lacks, or no stamps.
     OSError
         The file cannot be read.
     """
@@ -64,16 +60,13 @@ def read_rosbag(
             f'{path.name}: [data] stamp is {stamp!r}; it is "header" or "received"',
             key="[data] stamp",
         )
-    with require_extra("ros", "ROS bags and MCAP files need rosbags", ("rosbags",)):
-        import_module("rosbags.typesys")
-    with refuse_damage(path, "a ROS bag", "repair or record it again"):
-        with closing(_open(path)) as reader:
-            messages = list(_topics(path, reader, wanted, stamp, most_values))
-        return table_from_messages(path, messages, wanted, most_values)
+    with closing(_open(path)) as reader:
+        messages = list(_topics(path, reader, wanted, stamp))
+    return table_from_messages(path, messages, wanted)
 
 
 def _open(path: Path) -> Any:
-    """Return the opened reader of a file whose chunks are in bounds."""
+    """Return the opened reader of a file whose index is complete."""
     with path.open("rb") as file:
         head = file.read(len(SQLITE))
     reader: Any
@@ -99,9 +92,7 @@ def _open(path: Path) -> Any:
     return reader
 
 
-def _topics(
-    path: Path, reader: Any, wanted: ReadRequest, stamp: str, most_values: int
-) -> Iterator[Messages]:
+def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterator[Messages]:
     """Yield the messages of each wanted topic."""
     by_topic: dict[str, list[Any]] = {}
     for connection in reader.connections:
@@ -122,7 +113,7 @@ def _topics(
             named = _wanted_fields(wanted.names, topic)
             _refuse_unknown_fields(path, topic, named, fields)
             fields = [field for field in fields if field in named]
-        yield _messages(path, reader, by_topic[topic], fields, stamp, most_values, decode)
+        yield _messages(path, reader, by_topic[topic], fields, stamp, decode)
 
 
 def _wanted_fields(names: Collection[str], topic: str) -> set[str]:
@@ -170,7 +161,6 @@ def _messages(
     connections: list[Any],
     fields: list[str],
     stamp: str,
-    most_values: int,
     decode: Any,
 ) -> Messages:
     """Return the messages of a topic, decoded one by one."""
@@ -179,15 +169,19 @@ def _messages(
     values = [array("d") for _ in fields]
     getters = [attrgetter(field) for field in fields]
     for _, received, raw in reader.messages(connections):
-        message = decode(decode_message(raw) if raw.startswith(ZSTD) else raw, kind)
+        message = decode(_zstd().decompress(raw) if raw.startswith(_ZSTD) else raw, kind)
         if not times:
             _refuse_absent_readings(path, topic, message, fields)
         times.append(received if stamp == "received" else _stamped(path, topic, message))
         for column, get in zip(values, getters, strict=True):
             column.append(get(message))
-        refuse_too_many_values(8.0 * len(times) * (len(fields) + 1), most_values, path.name)
     columns = {f: np.frombuffer(v) for f, v in zip(fields, values, strict=True)}
     return Messages(topic, np.frombuffer(times, np.int64), columns)
+
+
+def _zstd() -> Any:
+    """Return the library that rosbags uses too; Python has it from 3.14 on."""
+    return import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
 
 
 def _stamped(path: Path, topic: str, message: Any) -> int:
@@ -227,6 +221,6 @@ READER = Reader(
         Option(
             "stamp", str, "header", '"header" for the times of the driver, "received" for others'
         ),
-        MOST_VALUES_OPTION,
     ),
+    isolation=Isolation("a ROS bag", "repair or record it again", _LIBRARIES, "ros"),
 )

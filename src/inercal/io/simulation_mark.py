@@ -11,12 +11,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from inercal.io.isolation import Isolation, read_isolated
+
 SIMULATION_KEY = "simulation"
 """The key in the metadata of Parquet and HDF5."""
 SIMULATION_OF = "simulation of "
 """Begins each mark, such as "simulation of run.toml, seed 0"."""
 _COMMENT = f"# {SIMULATION_OF}".encode()
 _LONGEST = 4096  # bytes of a first line that are looked at
+_ISOLATION = Isolation("a recording")
 _ZIP, _PARQUET, _HDF5 = b"PK\x03\x04", b"PAR1", b"\x89HDF\r\n\x1a\n"
 
 
@@ -30,11 +33,18 @@ def read_simulation_mark(path: Path) -> str:
 
     Raises
     ------
+    InputError
+        The file is damaged.
     OSError
         The file cannot be read.
     """
-    with path.open("rb") as file:
-        head = file.read(_LONGEST).removeprefix(codecs.BOM_UTF8)
+    binary = _head(path).startswith((_ZIP, _PARQUET, _HDF5))
+    return read_isolated(_ISOLATION, path, stored_mark) if binary else stored_mark(path)
+
+
+def stored_mark(path: Path) -> str:
+    """Return the same, read by this process, which libraries can crash."""
+    head = _head(path)
     if head.startswith(_COMMENT):
         line = head.splitlines()[0].decode(errors="replace")
         return line.removeprefix("# ").rstrip(" ,;\t")  # a spreadsheet fills the line with these
@@ -51,3 +61,8 @@ def read_simulation_mark(path: Path) -> str:
         with h5py.File(path, "r") as opened:
             found = str(opened.attrs.get(SIMULATION_KEY, ""))
     return found if found.startswith(SIMULATION_OF) else ""
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(_LONGEST).removeprefix(codecs.BOM_UTF8)

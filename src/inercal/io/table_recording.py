@@ -197,6 +197,7 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
         first_stamp=first_stamp,
         kept_corrections=table.kept_corrections,
         devices=table.devices,
+        simulation=table.simulation,
     )
 
 

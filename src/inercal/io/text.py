@@ -29,7 +29,7 @@ from inercal.io.plain_numbers import load_plain
 from inercal.io.readers import Option, Reader
 from inercal.io.text_layout import TextLayout, column_count_text, refuse_sheet_error, sniff
 from inercal.io.text_scan import scan
-from inercal.recording import LineBreaks
+from inercal.line_numbers import LineBreaks
 
 _LARGEST_EXACT = 2.0**53  # below, float64 holds every whole number
 _MOST_BREAKS = 10_000  # of the lines, as by blank lines and comments between rows

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.errors import InputError, require_extra
+from inercal.errors import InputError
 from inercal.io.column_table import ReadRequest, Table
-from inercal.io.damaged_files import refuse_damage
+from inercal.io.isolation import Isolation
 from inercal.io.logged_corrections import (
     COPY_AGAIN,
     CORRECTIONS_OPTION,
@@ -37,7 +37,6 @@ from inercal.io.message_columns import (
     wanted_topics,
 )
 from inercal.io.readers import Reader
-from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 from inercal.io.ulog_scan import HEADER, scan_topics, topic_name
 
 _DEFAULT_TOPICS = ("sensor_accel", "sensor_gyro")
@@ -55,9 +54,7 @@ _SENSORS = 4  # sets of parameters
 _THERMAL = {"ACC": "TC_A_ENABLE", "GYRO": "TC_G_ENABLE"}
 
 
-def read_ulog(
-    path: Path, wanted: ReadRequest, corrections: str = "undo", most_values: int = MOST_VALUES
-) -> Table:
+def read_ulog(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Table:
     """Read topics of a ULog file.
 
     Parameters
@@ -66,42 +63,36 @@ def read_ulog(
     wanted : ReadRequest
     corrections : "undo" or "keep"
         Whether corrected readings are turned back to what the sensors read.
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        pyulog is not installed, a damaged file, a topic that it lacks, or corrections that cannot
+        A damaged file, a topic that it lacks, or corrections that cannot
         be undone.
     OSError
         The file cannot be read.
     """
-    with require_extra("px4", "ULog files need pyulog", ("pyulog",)):
-        core: Any = import_module("pyulog.core")
+    core: Any = import_module("pyulog.core")
     keep = keeps_corrections(corrections, path.name)
-    with refuse_damage(path, "a ULog file", COPY_AGAIN):
-        topics = scan_topics(path)
-        defaults = _DEFAULT_TOPICS if topics.keys() & set(_DEFAULT_TOPICS) else _JOINED_TOPICS
-        used = wanted_topics(wanted, topics, defaults, path.name)
-        size = sum(topics[topic] for topic in used)
-        refuse_too_many_values(size, most_values, path.name)
-        names = {topic.partition("[")[0] for topic in used}
-        log = _load(core, path, [*names, *([_SELECTION] if names & set(_CORRECTED) else [])])
-        data = {topic_name(one.name, one.multi_id): one.data for one in log.data_list}
-        require_messages(used, data, path.name)
-        stated: list[str] = []
-        devices: dict[str, int] = {}
-        messages: list[Messages] = []
-        for topic in used:
-            fields: dict[str, Any] = data[topic]
-            time = fields["timestamp_sample" if "timestamp_sample" in fields else "timestamp"]
-            logged = Messages(topic, np.asarray(time, np.int64) * 1000, fields)
-            changed, words = _uncorrected(path.name, log, logged, data, wanted, keep)
-            stated += words
-            devices |= _devices(path.name, logged, data, wanted)
-            messages.append(replace(logged, fields=fields | changed))
-        return table_from_messages(path, messages, wanted, most_values, stated, devices)
+    topics = scan_topics(path)
+    defaults = _DEFAULT_TOPICS if set(topics) & set(_DEFAULT_TOPICS) else _JOINED_TOPICS
+    used = wanted_topics(wanted, topics, defaults, path.name)
+    names = {topic.partition("[")[0] for topic in used}
+    log = _load(core, path, [*names, *([_SELECTION] if names & set(_CORRECTED) else [])])
+    data = {topic_name(one.name, one.multi_id): one.data for one in log.data_list}
+    require_messages(used, data, path.name)
+    stated: list[str] = []
+    devices: dict[str, int] = {}
+    messages: list[Messages] = []
+    for topic in used:
+        fields: dict[str, Any] = data[topic]
+        time = fields["timestamp_sample" if "timestamp_sample" in fields else "timestamp"]
+        logged = Messages(topic, np.asarray(time, np.int64) * 1000, fields)
+        changed, words = _uncorrected(path.name, log, logged, data, wanted, keep)
+        stated += words
+        devices |= _devices(path.name, logged, data, wanted)
+        messages.append(replace(logged, fields=fields | changed))
+    return table_from_messages(path, messages, wanted, stated, devices)
 
 
 def _load(core: Any, path: Path, names: list[str]) -> Any:
@@ -261,5 +252,6 @@ READER = Reader(
     read_ulog,
     content=((0, HEADER),),
     suffixes=(".ulg",),
-    options=(CORRECTIONS_OPTION, MOST_VALUES_OPTION),
+    options=(CORRECTIONS_OPTION,),
+    isolation=Isolation("a ULog file", COPY_AGAIN, ("pyulog.core",), "px4"),
 )

@@ -1,62 +1,42 @@
 """A first pass over a ULog file: its topics, and whether its messages are whole.
 
-pyulog flattens nested formats and steps over damage byte by byte, so that few bytes can cost much
-memory. What this pass accepts has known messages, one after the other, and formats of bounded size.
+pyulog steps over damage byte by byte. What this pass accepts has known messages, one after the
+other.
 
 Source: the ULog file format, https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 """
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from inercal.errors import InputError
-from inercal.io.column_table import MOST_COLUMNS, shorten
+from inercal.io.column_table import shorten
 
 HEADER = b"ULog\x01\x12\x35"
 _HEADER_BYTES = 16
 _KNOWN = frozenset(b"BFIMPQARDLCSO")
-_NUMBERS = frozenset(
-    [f"{u}int{bits}_t" for u in ("", "u") for bits in (8, 16, 32, 64)]
-    + ["float", "double", "bool", "char"]
-)
-_MOST_SUBSCRIPTIONS = 1000
-
-Fields = list[tuple[str, int]]
 
 
-def scan_topics(path: Path) -> dict[str, int]:
-    """Return the bytes of readings of each topic of a ULog file: "sensor_accel", "sensor_accel[1]".
+def scan_topics(path: Path) -> list[str]:
+    """Return the topics of a ULog file: "sensor_accel", "sensor_accel[1]".
 
     Raises
     ------
     InputError
-        A damaged file, or a format that stands for more than `MOST_COLUMNS` numbers.
+        A damaged file.
     OSError
         The file cannot be read.
     """
-    formats: dict[str, Fields] = {}
-    sizes: dict[str, int] = {}
-    topics: dict[bytes, str] = {}  # by the number that readings begin with
-    read: dict[str, int] = {}
-    for at, kind, body, size in _messages(path):
-        try:
-            if kind == b"F":
-                name, _, fields = body.decode("ascii").partition(":")
-                formats[name] = [_field(one) for one in fields.split(";") if one]
-            elif kind == b"A":
-                topic = topic_name(body[3:].decode("ascii"), body[0])
-                _refuse_large(body[3:].decode("ascii"), formats, sizes)
-                topics[body[1:3]] = topic
-                read.setdefault(topic, 0)
-            elif kind == b"D" and body in topics:
-                read[topics[body]] += size
-        except (ValueError, LookupError, RecursionError) as error:
-            raise _damaged(path, at, shorten(str(error), 80)) from error
-        if len(topics) > _MOST_SUBSCRIPTIONS:
-            raise _damaged(path, at, f"more than {_MOST_SUBSCRIPTIONS} topics")
-    return read
+    topics: list[str] = []
+    for at, kind, body in _messages(path):
+        if kind == b"A":
+            try:
+                topics.append(topic_name(body[3:].decode("ascii"), body[0]))
+            except ValueError as error:
+                raise _damaged(path, at, shorten(str(error), 80)) from error
+    return list(dict.fromkeys(topics))
 
 
 def topic_name(name: str, instance: int) -> str:
@@ -71,8 +51,8 @@ def _damaged(path: Path, at: int, why: str) -> InputError:
     )
 
 
-def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes, int]]:
-    """Yield place, type, body and size of each message; of readings the number of their topic.
+def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes]]:
+    """Yield place, type and body of each message.
 
     The last message may be cut off: so ends a log when power is lost.
     """
@@ -89,7 +69,7 @@ def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes, int]]:
                 body = file.read(size)
                 if len(body) < size or (end is not None and file.tell() > end):
                     break
-                yield at, bytes([kind]), body[:2] if kind == ord("D") else body, size
+                yield at, bytes([kind]), body
             if end is not None:
                 file.seek(end)
 
@@ -105,28 +85,3 @@ def _part_ends(path: Path, file: BinaryIO) -> list[int | None]:
     if sorted(offsets) != offsets or any(k > path.stat().st_size for k in offsets):
         raise _damaged(path, _HEADER_BYTES, "places of appended data outside the file")
     return [*offsets, None]
-
-
-def _field(text: str) -> tuple[str, int]:
-    """Return type and count of a field such as "float[3] gyro_rad"."""
-    kind, _, name = text.partition(" ")
-    if not name:
-        raise ValueError(f"field {text!r} has no name")
-    base, bracket, count = kind.partition("[")
-    return base, int(count.removesuffix("]")) if bracket else 1
-
-
-def _refuse_large(name: str, formats: Mapping[str, Fields], sizes: dict[str, int]) -> None:
-    """Refuse a format that stands for more numbers than any topic has."""
-    if _size(name, formats, sizes) > MOST_COLUMNS:
-        raise ValueError(f"topic {name!r} has more than {MOST_COLUMNS} numbers")
-
-
-def _size(name: str, formats: Mapping[str, Fields], sizes: dict[str, int]) -> int:
-    """Return how many numbers a format stands for, those of nested formats included."""
-    if name not in sizes:
-        sizes[name] = sum(
-            count * (1 if kind in _NUMBERS else _size(kind, formats, sizes))
-            for kind, count in formats[name]
-        )
-    return sizes[name]

@@ -6,11 +6,9 @@ rows or as columns, and the other side is counted from 1: `acc`, (n, 3) or (3, n
 parameters: the columns of the recording are those whose length most numbers share.
 """
 
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +29,6 @@ from inercal.io.column_table import (
     row_blocks,
     select_columns,
 )
-from inercal.io.size_limits import refuse_too_many_values
 
 # Why a variable is not a column.
 OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
@@ -40,21 +37,6 @@ COMPLEX = "holds complex numbers: save real and imaginary parts as two arrays"
 SPARSE = "is a sparse matrix: save it with full()"
 STRUCTS = "is an array of structs: save a struct of arrays"
 CELL = "is a cell array with other contents than one text in each cell: save plain arrays"
-
-# Raised by SciPy and h5py on files whose bytes were changed.
-DAMAGED = (
-    OSError,
-    EOFError,
-    RuntimeError,
-    LookupError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    MemoryError,
-    OverflowError,
-    SystemError,
-    zlib.error,
-)
 
 
 @dataclass(frozen=True)
@@ -123,16 +105,13 @@ class Variable:
         return (self.name,) if count == 1 else tuple(f"{self.name}({k + 1})" for k in range(count))
 
 
-def table_from_variables(
-    path: Path, variables: Sequence[Variable], wanted: ReadRequest, most_values: int
-) -> Table:
+def table_from_variables(path: Path, variables: Sequence[Variable], wanted: ReadRequest) -> Table:
     """Return the variables of a file as a table.
 
     Raises
     ------
     InputError
-        Too many values, no column, a wanted column missing or not of numbers, or columns of unequal
-        length.
+        No column, a wanted column missing or not of numbers, or columns of unequal length.
     """
     source = path.name
     refused = {v.name: v.refusal_reason for v in variables if v.refusal_reason}
@@ -157,9 +136,6 @@ def table_from_variables(
     refuse_unequal_lengths(
         {name: found[name][0].sample_and_column_counts[0] for name in chosen}, source
     )
-    used = {v.name: v for v, _ in found.values()}
-    declared = sum(prod(v.shape) for v in used.values())
-    refuse_too_many_values(8 * max(declared, len(chosen) * length), most_values, source)
     read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
     return Table(tuple(names), read, source, file_sha256(path), 0, header=True, block=block)
 

@@ -4,8 +4,6 @@ The columns are named by the first row of words that stands on rows of numbers; 
 such as a title or the logger's settings, is left out. Of formulas the saved values are read.
 """
 
-import warnings
-import zipfile
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -17,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inercal.errors import InputError, require_extra
+from inercal.errors import InputError
 from inercal.io.column_table import (
     Column,
     ReadRequest,
@@ -28,13 +26,11 @@ from inercal.io.column_table import (
     select_columns,
     shorten,
 )
-from inercal.io.damaged_files import refuse_damage
+from inercal.io.isolation import Isolation
 from inercal.io.readers import Option, Reader
-from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
 _SNIFFED_ROWS = 100
 _MOST_ROWS = 1 << 20
-_TEXT_COST = 8  # bytes in memory for a byte of shared texts and styles, which are loaded whole
 _OLD, _OPEN_DOCUMENT = b"\xd0\xcf\x11\xe0", b"mimetype"  # .xls at 0, .ods at 30
 
 Cell = float | str | None
@@ -47,9 +43,7 @@ class _Heading(NamedTuple):
     header: bool
 
 
-def read_xlsx(
-    path: Path, wanted: ReadRequest, sheet: str | int = 1, most_values: int = MOST_VALUES
-) -> Table:
+def read_xlsx(path: Path, wanted: ReadRequest, sheet: str | int = 1) -> Table:
     """Read a sheet of an Excel workbook.
 
     Parameters
@@ -58,27 +52,21 @@ def read_xlsx(
     wanted : ReadRequest
     sheet : str or int
         Name of the sheet, or its number from 1.
-    most_values : int
-        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        openpyxl is not installed, a damaged workbook, a sheet or column that it lacks, or a cell
+        A damaged workbook, a sheet or column that it lacks, or a cell
         that is not a number.
     OSError
         The file cannot be read.
     """
     _refuse_other_sheets(path)
-    with require_extra("excel", "Excel workbooks need openpyxl", ("openpyxl",)):
-        openpyxl: Any = import_module("openpyxl")
-    with refuse_damage(path, "an Excel workbook", "save it again"):
-        _refuse_too_large(path, most_values)
-        with path.open("rb") as file, warnings.catch_warnings():  # on styles and the like
-            warnings.simplefilter("ignore")
-            book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
-            with closing(book):
-                return _table(path, _rows(_sheet(path.name, book, sheet)), wanted, most_values)
+    openpyxl: Any = import_module("openpyxl")
+    with path.open("rb") as file:
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
+        with closing(book):
+            return _table(path, _rows(_sheet(path.name, book, sheet)), wanted)
 
 
 def _refuse_other_sheets(path: Path) -> None:
@@ -88,17 +76,6 @@ def _refuse_other_sheets(path: Path) -> None:
     if head.startswith(_OLD) or head[30:].startswith(_OPEN_DOCUMENT):
         kind = "of Excel before 2007" if head.startswith(_OLD) else "an OpenDocument sheet"
         raise InputError(f"{path.name} is {kind}: save it as .xlsx or as CSV")
-
-
-def _refuse_too_large(path: Path, most_values: int) -> None:
-    """Refuse a workbook whose parts are larger than the values that may be read."""
-    with zipfile.ZipFile(path) as archive:
-        parts = archive.infolist()
-    size = sum(
-        part.file_size * (1 if part.filename.startswith("xl/worksheets/") else _TEXT_COST)
-        for part in parts
-    )
-    refuse_too_many_values(size, most_values, path.name)
 
 
 def _sheet(source: str, book: Any, sheet: str | int) -> Any:
@@ -144,9 +121,7 @@ def _cell(value: object) -> Cell:
         return text or None
 
 
-def _table(
-    path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadRequest, most_values: int
-) -> Table:
+def _table(path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadRequest) -> Table:
     """Return the rows of a sheet as a table."""
     source = path.name
     first = list(islice(rows, _SNIFFED_ROWS))
@@ -164,7 +139,6 @@ def _table(
     for line, cells in rows:
         _add(source, line, cells, at, words, numbers)
         lines.append(line)
-        refuse_too_many_values(8.0 * len(lines) * len(chosen), most_values, source)
     blank, block = wanted.empty_columns(len(lines), list(numbers))
     columns: dict[str, Column] = {}
     for name in chosen:
@@ -239,8 +213,6 @@ READER = Reader(
         (0, _OLD),
     ),
     suffixes=(".xlsx", ".xlsm"),
-    options=(
-        Option("sheet", str | int, 1, "name of the sheet, or its number from 1"),
-        MOST_VALUES_OPTION,
-    ),
+    options=(Option("sheet", str | int, 1, "name of the sheet, or its number from 1"),),
+    isolation=Isolation("an Excel workbook", "save it again", ("openpyxl",), "excel"),
 )

@@ -17,10 +17,8 @@ from inercal.recording.samples import (
     GAP_FACTOR,
     STAMP_ROUNDING,
     Indices,
-    LineBreaks,
     Mark,
     Recording,
-    line_of_row,
     sample_count,
 )
 from inercal.recording.temperature_course import (
@@ -39,7 +37,6 @@ __all__ = [
     "Finding",
     "HalfSectionChanges",
     "Indices",
-    "LineBreaks",
     "Mark",
     "Observations",
     "ReadingSteps",
@@ -52,7 +49,6 @@ __all__ = [
     "ahead_of_lag",
     "join_observations",
     "join_tracks",
-    "line_of_row",
     "merge_findings",
     "merge_messages",
     "rounded_channels",

@@ -1,6 +1,5 @@
 """Samples of a run as recorded, and marks of its sections."""
 
-from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -12,11 +11,10 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.line_numbers import LineBreaks, line_of_row
 from inercal.recording.findings import Finding
 
 Indices = NDArray[np.int64]
-
-LineBreaks = tuple[tuple[int, int], ...]
 
 STAMP_ROUNDING = 2e-6  # s: stamps in whole µs, or since 1970 in s as float64, are rounded by less
 GAP_FACTOR = 1.5  # a step of time longer than this many median steps has lost samples
@@ -29,20 +27,6 @@ def sample_count(seconds: float, step: float) -> int:
     [2, 2]
     """
     return round(round(seconds / step, 2))
-
-
-def line_of_row(row: int, first_line: int, breaks: LineBreaks) -> int | None:
-    """Return the line of a row, given that of row 0, or the rows that follow a gap in the lines.
-
-    >>> [line_of_row(k, 0, ((0, 2), (3, 9))) for k in range(5)]
-    [2, 3, 4, 9, 10]
-    """
-    if first_line:
-        return first_line + row
-    if not breaks:
-        return None
-    start, line = breaks[bisect_right(breaks, row, key=lambda one: one[0]) - 1]
-    return line + row - start
 
 
 @dataclass(frozen=True)

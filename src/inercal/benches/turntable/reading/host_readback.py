@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from inercal.errors import InputError
-from inercal.io.hdf5 import read_group
+from inercal.io.hdf5 import ISOLATION, Group, read_group
+from inercal.io.isolation import read_isolated
 from inercal.recording import AngleQuality, Finding, Recording
 
 BENCH_GROUP = "bench"
@@ -42,7 +43,7 @@ def read_host_readback(path: Path, recording: Recording) -> HostReadback:
     """
     if path.suffix.lower() not in _SUFFIXES:
         return HostReadback(None)
-    group = read_group(path, BENCH_GROUP, AngleQuality._fields)
+    group: Group = read_isolated(ISOLATION, path, read_group, BENCH_GROUP, AngleQuality._fields)
     if any(name not in group.arrays for name in AngleQuality._fields):
         return HostReadback(None)
     quality = AngleQuality(*(group.arrays[name] for name in AngleQuality._fields))
