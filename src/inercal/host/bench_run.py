@@ -59,6 +59,7 @@ _SIMULATED_READ_TIMEOUT = 1.0  # s
 # Time that recording goes on, s: the last samples wait for the table's next reading
 _RECORDING_TAIL = 1.0
 _PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that it looks for a table that is gone
+_DATING_TIMEOUT = 10.0  # s until the first packets of a resumed run must have their dates
 _GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
 
 
@@ -211,7 +212,7 @@ class BenchRun:
                 # The watchdog of a host that was killed may be stopping the table still.
                 self._wait_for_rest()
                 # A device that has set its clock anew is reported before anything moves.
-                self._process_pending()
+                self._wait_for_dates()
                 self._begin_checks()
                 self._before_start = False
                 while not self.sequencer.is_over:
@@ -336,6 +337,16 @@ class BenchRun:
         while self.time < until and not (self._table_driver.at_rest and self.time > after):
             self._tick()
 
+    def _wait_for_dates(self) -> None:
+        """See that the IMU's packets can be dated; end the run where they cannot."""
+        self._process_pending()
+        until = self.time + _DATING_TIMEOUT
+        while self.recorder.assembly.waits_for_dates and self.time < until:
+            self._tick()
+            self._process_pending()
+        if (words := self.recorder.assembly.imu_mismatch) is not None:
+            self._interruptions.end(words)
+
     def _check_rest_with_gyros(self) -> None:
         """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
         self._process_pending()
@@ -357,6 +368,8 @@ class BenchRun:
         except InputError as error:
             self._interruptions.end(str(error))
             return
+        if (mismatch := self.recorder.assembly.imu_mismatch) is not None:
+            self._imu.set_trouble(mismatch, self.time)
         packets = self.recorder.assembly.tally.bytes.packets
         if packets > self._packets[0] or not self._imu.is_receiving:
             self._packets = packets, self.time

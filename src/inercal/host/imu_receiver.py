@@ -81,7 +81,7 @@ class ImuReceiver:
         except LinkLost as error:
             self._port.close()
             self._port = None
-            self._set_trouble(f"the IMU is gone: {error}", tick.time)
+            self.set_trouble(f"the IMU is gone: {error}", tick.time)
             return ReceivedBytes([])
         self._update_trouble(tick.time, bool(pieces))
         return ReceivedBytes(pieces, opened)
@@ -114,7 +114,7 @@ class ImuReceiver:
     def _update_trouble(self, now: float, some: bool) -> None:
         """Say whether bytes come as they should."""
         if now - self._last_bytes_time > _SILENCE_LIMIT and not some:
-            self._set_trouble(f"the IMU has been silent for {_SILENCE_LIMIT:g} s", now)
+            self.set_trouble(f"the IMU has been silent for {_SILENCE_LIMIT:g} s", now)
         if some:
             if now - self._last_bytes_time > _SILENCE_LIMIT:
                 self._steady_since = now
@@ -122,7 +122,8 @@ class ImuReceiver:
             if self.trouble is not None and now - self._steady_since >= _RECOVERY_TIME:
                 self.trouble = None
 
-    def _set_trouble(self, words: str, now: float) -> None:
+    def set_trouble(self, words: str, now: float) -> None:
+        """State what is wrong, while it lasts: trouble ends 1 s after it was stated last."""
         self._steady_since = now
         if self.trouble is None:
             self.trouble, self.trouble_since = words, now

@@ -2,8 +2,7 @@
 
 The IMU's time is its own counter's, the table's its controller's. Both are tied to the host's clock
 by the least difference to the time of arrival in the first seconds: what is left is the bench's
-latency. Arrivals serve for nothing else but to tell, after an outage, how often a counter has begun
-again meanwhile.
+latency. Later, arrivals only tell how often a counter has begun again meanwhile (`packet_dating`).
 
 The same frames give the same samples to the last bit, however often `take` is called.
 
@@ -192,6 +191,16 @@ class SampleAssembler:
         return self._table.offset - self._imu.offset
 
     @property
+    def imu_mismatch(self) -> str | None:
+        """Why the packets that come cannot be dated, in words; None while they can."""
+        return self._imu.mismatch
+
+    @property
+    def waits_for_dates(self) -> bool:
+        """The IMU's packets cannot be dated, or not yet."""
+        return self._imu.waits_for_dates
+
+    @property
     def is_recording(self) -> bool:
         """Samples are given out: both clocks are known, and the recording has begun."""
         return self.offset is not None and self._sections.start < np.inf
@@ -236,7 +245,7 @@ class SampleAssembler:
         Raises
         ------
         InputError
-            A frame that is none of a run, or a device that set its clock anew.
+            A frame that is none of a run, or a table that set its clock anew.
         """
         pending, self._pending = self._pending, []
         for kind, group in groupby(_sort_frames(pending), key=lambda one: one.kind):

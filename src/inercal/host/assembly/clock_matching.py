@@ -1,4 +1,4 @@
-"""What ties a device's clock to the host's, at the start and after an outage."""
+"""What ties the table's clock to the host's, at the start and after an outage."""
 
 from math import isfinite
 
@@ -10,8 +10,8 @@ _ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and of an outage: what arrival may 
 _ARRIVAL_UNCERTAINTY = 0.1
 
 
-def wrap_correction(behind: float, wraps: float, outage: float, whose: str) -> float:
-    """Return what to add to a device's clock that may have begun again, s.
+def wrap_correction(behind: float, wraps: float, outage: float) -> float:
+    """Return what to add to the clock of a table that may have begun again, s.
 
     Parameters
     ----------
@@ -21,8 +21,6 @@ def wrap_correction(behind: float, wraps: float, outage: float, whose: str) -> f
         s after which it begins again; infinite: never.
     outage : float
         s for which nothing was heard of it.
-    whose : str
-        "the IMU" or "the table".
 
     Raises
     ------
@@ -35,16 +33,15 @@ def wrap_correction(behind: float, wraps: float, outage: float, whose: str) -> f
         added = wraps * round(behind / wraps)
         if wraps / 2 < _ARRIVAL_UNCERTAINTY + drift:
             raise InputError(
-                f"{whose} sent nothing for {outage:.3g} s, and its counter starts again every "
+                f"the table sent nothing for {outage:.3g} s, and its clock starts again every "
                 f"{wraps:.3g} s: its clock can no longer be matched to that of the bench; begin a "
                 "new run",
-                names=(whose,),
+                names=("the table",),
             )
     if abs(behind - added) > _ARRIVAL_TOLERANCE + drift:
-        other = "table's" if whose == "the IMU" else "IMU's"
         raise InputError(
-            f"{whose} has reset its {'counter' if whose == 'the IMU' else 'clock'}: it can no "
-            f"longer be matched to the {other} clock; begin a new run",
-            names=(whose,),
+            "the table has reset its clock: it can no longer be matched to the IMU's clock; begin "
+            "a new run",
+            names=("the table",),
         )
     return added

@@ -67,8 +67,8 @@ class ManualImu(Closeable):
 
     @property
     def trouble(self) -> str | None:
-        """What is wrong with the port, in words; None while bytes come."""
-        return self._receiver.trouble
+        """What is wrong with the port or the counter, in words; None while packets come."""
+        return self._receiver.trouble or self._assembly.imu_mismatch
 
     @property
     def tally(self) -> SampleTally:
