@@ -140,7 +140,9 @@ class BenchRun:
             self._require_feasible_plan()
             patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
-            self._interruptions = Interruptions(self.sequencer, self._guard, self._stop, self._say)
+            self._interruptions = Interruptions(
+                self.sequencer, self._guard, self._stop, self._go_on, self._say
+            )
             self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
             self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
             self._mounting.restore()
@@ -239,9 +241,10 @@ class BenchRun:
         tick = self._clock.end()
         # A bench that has gone on by itself is not followed tick by tick.
         step = self._poll * (HOLD_POLL_FACTOR if self.sequencer.is_holding else 1)
-        self._next = max(self._next, tick.time) + step
+        late, self._next = tick.time - self._next, max(self._next, tick.time) + step
         self.time = tick.time
         self._guard.beat()
+        self._interruptions.follow_host(late)
         self._mounting.update(self.time if self.state is None else self.state.time)
         self._send_commands()
         fresh = self._read()
@@ -325,10 +328,15 @@ class BenchRun:
                 self._say("info", f"step {one.number + 1} of {len(self.tasks)}: {one.label}")
         result.clear()
 
-    def _stop(self, how: Callable[[float], list[Command]]) -> None:
-        """Pause or abort, `how` the sequencer does."""
+    def _stop(self, how: Callable[[float], list[Command]], cause: str, lasted: float) -> None:
+        """Pause or abort, `how` the sequencer does, for a cause that has lasted for some s."""
         self._table_driver.stop(how(self.time if self.state is None else self.state.time))
+        self._plausibility.expect_stop()
+        self.recorder.record_interruption(self.time, cause, lasted)
         self._record_sections()
+
+    def _go_on(self) -> None:
+        self.recorder.record_interruption(self.time, None)
 
     def _wait_for_rest(self) -> None:
         """See the table come to rest; where it does not, or is gone, the watchdog has it."""

@@ -9,7 +9,8 @@ The same frames give the same samples to the last bit, however often `take` is c
 Events are JSON objects by their `what`. "session": a host attached; `next` is the first step that
 is to be done (anew), `wraps` the s after which the table's clock begins again, null or left out if
 never. "section": `number`, `label`, `state` "begun", "done" or "void", `time` by the table's clock,
-and whether it is a `hold`. Others are of no matter here.
+and whether it is a `hold`. "interruption": `cause`, in words, why the table is stopped, and `since`
+when that was so, s of the run; null: the run continues. Others are of no matter here.
 """
 
 import json
@@ -25,6 +26,7 @@ from inercal.benches.turntable import require_turntable
 from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
+from inercal.host.assembly.interruption_list import Interruption, InterruptionList
 from inercal.host.assembly.rate_polls import RatePolls
 from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
 from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
@@ -167,6 +169,7 @@ class SampleAssembler:
         self._records_angles = bool(names)
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
+        self._interruptions = InterruptionList()
         self._start_recording()
 
     @property
@@ -182,6 +185,11 @@ class SampleAssembler:
             self._count, imu.counts, replace(imu.drops), self._no_angle, self._unusable,
             table.count, table.drops, table.implausible,
         )  # fmt: skip
+
+    @property
+    def interruptions(self) -> tuple[Interruption, ...]:
+        """When the run was interrupted, s of the run, and why."""
+        return tuple(replace(one) for one in self._interruptions.interruptions)
 
     @property
     def offset(self) -> float | None:
@@ -250,6 +258,8 @@ class SampleAssembler:
         pending, self._pending = self._pending, []
         for kind, group in groupby(_sort_frames(pending), key=lambda one: one.kind):
             frames = list(group)
+            if kind != EVENT:
+                self._interruptions.hear(max(frame.time for frame in frames))
             if kind == IMU:
                 self._imu.feed(frames)
             elif kind == TABLE:
@@ -268,6 +278,9 @@ class SampleAssembler:
 
     def _process_event(self, frame: LogFrame) -> None:
         event = _parse_event(frame)
+        self._interruptions.add_event(frame.time, event)
+        if event.get("cause") is not None:
+            self._table.expect_stop()
         if event.get("what") == "section":
             self._sections.add_event(event, self._table.wrap_offset)
         elif event.get("what") == "session":

@@ -100,6 +100,10 @@ class PollRecord(ABC):
         else:
             self._must_match = True
 
+    def expect_stop(self) -> None:
+        """Allow any deceleration until the table rests."""
+        self._counted.expect_stop()
+
     def feed(self, frames: Sequence[LogFrame]) -> None:
         """Take in polls of one session.
 

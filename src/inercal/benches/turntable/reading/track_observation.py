@@ -12,6 +12,7 @@ from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
+from inercal.benches.turntable.reading.host_readback import Interruption
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
     add_table_angles,
@@ -116,7 +117,7 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     findings = (
         *recording.findings,
         *spike_findings(recording, run.sensor),
-        *_check_track(run, track.with_known_angles, bench),
+        *_check_track(run, track.with_known_angles, bench, read.interruptions),
     )
     turns = find_turns(recording.time, angles, recording.labels)
     if HOLD_COLUMN in recording.readback and recording.labels is not None:
@@ -144,7 +145,12 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
 
 
 def _check_track(
-    run: Source[TurntableData], track: Track, bench: Turntable, *, alike: bool = True
+    run: Source[TurntableData],
+    track: Track,
+    bench: Turntable,
+    interruptions: Sequence[Interruption] = (),
+    *,
+    alike: bool = True,
 ) -> tuple[Finding, ...]:
     """Return the findings of the checks of a track, before filters follow it.
 
@@ -167,7 +173,7 @@ def _check_track(
         require_turning(where, track, run.sensor, columns.readback)
     repeated = repeated_readback_finding(track)
     return (
-        *check_track(where, track, run.sensor, bench, columns),
+        *check_track(where, track, run.sensor, bench, columns, interruptions),
         *check_earth_rate(where, track, run.sensor, bench),
         *(dropped_sample_findings(track, run.sensor, bench) if repeated is None else (repeated,)),
     )
