@@ -24,6 +24,7 @@ import numpy as np
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
+from inercal.host.assembly.clock_matching import CLOCK_LOST
 from inercal.host.assembly.rate_polls import RatePlausibility
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
@@ -114,7 +115,7 @@ class BenchRun:
         self._show_interval = show_interval
         self._bench, self._poll = bench, journal.header().poll
         self._commands: list[Command] = []
-        self._show_time, self._before_start = -inf, True
+        self._show_time, self._before_start, self._clocks_lost = -inf, True, False
         layout = layout_of_address(addresses.imu)
         if options.temperature is not None and "temperature" not in layout.roles:
             raise InputError(
@@ -183,6 +184,11 @@ class BenchRun:
     def trouble(self) -> str:
         """Why the run was interrupted; empty where it was not."""
         return self._interruptions.trouble
+
+    @property
+    def needs_new_run(self) -> bool:
+        """Resuming is of no use: the clocks of the devices can no longer be matched."""
+        return self._clocks_lost or self.recorder.assembly.imu_mismatch is not None
 
     @property
     def mounting_request(self) -> MountingRequest | None:
@@ -374,6 +380,7 @@ class BenchRun:
         try:
             block = self.recorder.process_pending(self.time)
         except InputError as error:
+            self._clocks_lost = set(error.names) >= CLOCK_LOST
             self._interruptions.end(str(error))
             return
         if (mismatch := self.recorder.assembly.imu_mismatch) is not None:

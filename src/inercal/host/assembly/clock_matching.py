@@ -4,6 +4,7 @@ from math import isfinite
 
 from inercal.errors import InputError
 
+CLOCK_LOST = frozenset({"the table"})  # names of the refusal: a new run is needed
 MATCHING_TIME = 5.0  # s in which the least difference of two clocks is looked for
 _ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and of an outage: what arrival may be off by
 # Uncertainty of an arrival, s: turns of a clock are distinguished where half a turn is more
@@ -36,12 +37,12 @@ def wrap_correction(behind: float, wraps: float, outage: float) -> float:
                 f"the table sent nothing for {outage:.3g} s, and its clock starts again every "
                 f"{wraps:.3g} s: its clock can no longer be matched to that of the bench; begin a "
                 "new run",
-                names=("the table",),
+                names=tuple(CLOCK_LOST),
             )
     if abs(behind - added) > _ARRIVAL_TOLERANCE + drift:
         raise InputError(
             "the table has reset its clock: it can no longer be matched to the IMU's clock; begin "
             "a new run",
-            names=("the table",),
+            names=tuple(CLOCK_LOST),
         )
     return added
