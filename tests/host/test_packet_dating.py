@@ -39,6 +39,10 @@ class Recorded:
         faults = Faults(jumps=((FROZEN, FROZEN + seconds, packets),))
         return replace(self._bench, faults=faults).frames()
 
+    def resumed(self, jumps: Sequence[tuple[float, float, int]]) -> list[LogFrame]:
+        """Return a run that had no host for 10 s, with a counter that jumps."""
+        return replace(self._bench, faults=Faults(outages=((40.0, 50.0),), jumps=jumps)).frames()
+
     def frozen(self, seconds: float, buffer: float) -> list[LogFrame]:
         """Return what a frozen host logs: at its end it reads what fits in the buffer, in bytes."""
         end = FROZEN + seconds
@@ -131,3 +135,18 @@ def test_a_counter_that_jumps_and_comes_back_costs_only_the_packets_between(
     bench = recorded[bits]
     missed = bench.require_same_dates(bench.jumping(seconds, packets))
     assert len(missed) <= RATE * (seconds + 0.6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bits", LAYOUTS)
+@pytest.mark.parametrize("end", [45.0, 52.0, 56.0])
+def test_a_counter_that_jumped_before_the_host_ended_does_not_block_the_resumed_run(
+    recorded: dict[str, Recorded], bits: str, end: float
+):
+    bench = recorded[bits]
+    _, whole = bench.samples(bench.resumed(()))
+    made, found = bench.samples(bench.resumed(((38.0, end, 5050),)))
+    assert found.items() <= whole.items()
+    assert made.imu_mismatch is None
+    assert max(found) == max(whole)
+    assert len(whole) - len(found) < RATE * (2.0 + max(end - 50.0, 0.0) + 1.0)

@@ -61,12 +61,16 @@ class ImuReceiver:
         # What a simulated bench had sent before; None: its bytes are taken as they come.
         self._sent_before_opening = tick.bytes_sent
         self._last_bytes_time, self._steady_since = tick.time, tick.time
-        self._last_attempt_time = -inf
+        self._last_attempt_time, self._last_take_time = -inf, tick.time
         self.trouble: str | None = None
         self.trouble_since = tick.time
 
     def take(self, tick: Tick) -> ReceivedBytes:
         """Return the bytes that came by the tick: of a bench that counts them, to the last one."""
+        if tick.time - self._last_take_time > _SILENCE_LIMIT:
+            # The host itself stood still: whether the IMU was silent meanwhile nobody knows.
+            self._last_bytes_time = max(self._last_bytes_time, tick.time)
+        self._last_take_time = tick.time
         opened = self._port is None and self._try_to_reopen(tick)
         if self._port is None:
             return ReceivedBytes([])
