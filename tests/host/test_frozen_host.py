@@ -31,6 +31,7 @@ from inercal.host.packets import read_layout
 from inercal.host.precompilation import precompile_run
 from inercal.host.run_completion import finish_run
 from inercal.io.hdf5 import read_group
+from inercal.pipeline import Outcome
 from inercal.runfile import Run
 
 # A minute and a half that determines all coefficients.
@@ -47,7 +48,12 @@ PATH = HEAD + (
     "z+,rotation,,,,,outer,360,60\n"
     "rest,position,0,0,0,4,,,\n"
 )
-FASTER = 'acceleration = ["15 °/s²"]', 'acceleration = ["40 °/s²"]\nrate = ["60 °/s"]'
+FASTER = [
+    ('acceleration = ["15 °/s²"]', 'acceleration = ["40 °/s²"]\nrate = ["60 °/s"]'),
+    # Biases that drift differ from one run to the next by more than u, which is of one run.
+    ('bias_instability = "15 µg"\n', ""),
+    ('bias_instability = "0.5 °/h"\n', ""),
+]
 DURATION, FIRST_REST = 85.0, 22.0  # s of the plan
 PIECE, BUFFER = 4095, 20_000  # bytes that a pseudo-terminal gives at once, and holds
 LOOK = 0.02  # s between two looks at a run
@@ -72,7 +78,7 @@ def interruptions(folder: Path) -> list[tuple[float, float, str]]:
 
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
-    return plan(tmp_path / "plan", PATH, [FASTER])
+    return plan(tmp_path / "plan", PATH, FASTER)
 
 
 def freeze(bench: InProcessBench, seconds: float, buffer: int) -> None:
@@ -89,8 +95,8 @@ def freeze(bench: InProcessBench, seconds: float, buffer: int) -> None:
 
 def calibrated(
     folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch, freezes: Mapping[str, float]
-) -> Calibration:
-    """Carry out a run whose host is frozen for some s in some steps; return its calibration."""
+) -> Outcome:
+    """Carry out a run whose host is frozen for some s in some steps, and calibrate."""
     bench, left = InProcessBench(run), dict(freezes)
     bench.install(monkeypatch)
 
@@ -102,7 +108,7 @@ def calibrated(
     driven = drive(folder, act, run)
     assert driven.done, driven.trouble
     with Journal(folder / "run.journal") as journal:
-        return finish_run(made(folder), journal).outcome.calibration
+        return finish_run(made(folder), journal).outcome
 
 
 @pytest.mark.slow
@@ -112,7 +118,10 @@ def test_a_run_of_a_frozen_host_has_the_result_of_one_that_was_not(
     unbroken = calibrated(tmp_path / "unbroken", run, monkeypatch, {})
     assert interruptions(tmp_path / "unbroken") == []
     freezes = {"y down": 12.0, "y+": 5.0, "z+": 30.0}
-    require_agreement(calibrated(tmp_path / "frozen", run, monkeypatch, freezes), unbroken)
+    frozen = calibrated(tmp_path / "frozen", run, monkeypatch, freezes)
+    require_agreement(frozen.calibration, unbroken.calibration)
+    assert sum("the run was interrupted 3 times" in line for line in frozen.verdict.lines) == 1
+    assert frozen.verdict.reasons == unbroken.verdict.reasons == ()
     marked = interruptions(tmp_path / "frozen")
     assert [why.split(" for ")[0] for _, _, why in marked] == ["the host stood still"] * 3
     for (start, stop, _), seconds in zip(marked, freezes.values(), strict=True):
@@ -141,10 +150,15 @@ class Freeze:
 
 
 def all_freezes(count: int) -> list[Freeze]:
-    rng = np.random.default_rng(48)
-    lengths = [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0]
+    """Return freezes at random times; each length comes with each link and watchdog."""
+    rng, lengths = np.random.default_rng(48), [30.0, 20.0, 12.0, 8.0, 5.0, 3.0, 2.0, 1.0]
     return [
-        Freeze(lengths[k % 8], float(rng.uniform(0.0, DURATION)), k % 2 == 0, k // 2 % 2 == 0)
+        Freeze(
+            lengths[k % 8],
+            float(rng.uniform(0.0, DURATION)),
+            terminal=(k + k // 8) % 2 == 0,
+            watchdog=(k // 2 + k // 16) % 2 == 0,
+        )
         for k in range(count)
     ]
 
@@ -204,7 +218,7 @@ def real_time_result(folder: Path, run: Run, freeze: Freeze, seed: int) -> Calib
 @pytest.fixture(scope="module")
 def unbroken(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     folder = tmp_path_factory.mktemp("unbroken")
-    run = plan(folder / "plan", PATH, [FASTER])
+    run = plan(folder / "plan", PATH, FASTER)
     precompile_run(run, read_layout("fixed"))
     return real_time_result(folder / "run", run, Freeze(0.0, 0.0, True, True), seed=5)
 

@@ -129,7 +129,8 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     marks, steps, own = _build_steps(
         run, recording, angles, select_long_holds(recording.time, holds), turns
     )
-    findings += compare_with_plan(steps, own, run)
+    repeated = _repeated_steps(recording.time, marks, own, read.interruptions)
+    findings += compare_with_plan(steps, own, run, repeated)
     observations = averaged(recording, run.sensor, marks, steps, found=True)
     return EstimatorInput(
         recording,
@@ -298,6 +299,28 @@ def _build_steps(
         for (start, stop, _), step in zip(sections, steps, strict=True)
     )
     return marks, steps, own
+
+
+def _repeated_steps(
+    time: Array,
+    marks: Sequence[Mark],
+    own: Sequence[str] | None,
+    interruptions: Sequence[Interruption],
+) -> frozenset[str]:
+    """Return the labels of steps that an interruption ended, and of moves until they were repeated.
+
+    The host gave them no label of their own: they lie between two steps that have one.
+    """
+    blank = [not name.strip() for name in own or ()]
+    repeated: set[str] = set()
+    for k in np.flatnonzero(blank).tolist():
+        before = max((j for j in range(k) if not blank[j]), default=None)
+        after = min((j for j in range(k, len(blank)) if not blank[j]), default=None)
+        start = -np.inf if before is None else time[marks[before].stop - 1]
+        stop = np.inf if after is None else time[marks[after].start]
+        if any(one.start <= stop and one.stop >= start for one in interruptions):
+            repeated.add(marks[k].label)
+    return frozenset(repeated)
 
 
 def _conditions(read: RecordingWithAngles, steps: Sequence[TableStep]) -> dict[str, str]:
