@@ -26,7 +26,7 @@ from inercal.benches.turntable import require_turntable
 from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
-from inercal.host.assembly.interruption_list import Interruption, InterruptionList
+from inercal.host.assembly.interruption_list import InterruptionSpan, InterruptionList
 from inercal.host.assembly.rate_polls import RatePolls
 from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
 from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
@@ -187,7 +187,7 @@ class SampleAssembler:
         )  # fmt: skip
 
     @property
-    def interruptions(self) -> tuple[Interruption, ...]:
+    def interruptions(self) -> tuple[InterruptionSpan, ...]:
         """When the run was interrupted, s of the run, and why."""
         return tuple(replace(one) for one in self._interruptions.interruptions)
 

@@ -8,7 +8,7 @@ HOST_GONE = "the host had ended"
 
 
 @dataclass
-class Interruption:
+class InterruptionSpan:
     """A time in which the table was stopped, or nobody drove it.
 
     Parameters
@@ -31,12 +31,12 @@ class InterruptionList:
 
     Attributes
     ----------
-    interruptions : list of Interruption
+    interruptions : list of InterruptionSpan
         In the order of time.
     """
 
     def __init__(self) -> None:
-        self.interruptions: list[Interruption] = []
+        self.interruptions: list[InterruptionSpan] = []
         self._last = 0.0
 
     def hear(self, time: float) -> None:
@@ -60,7 +60,7 @@ class InterruptionList:
 
     def _begin(self, time: float, cause: str) -> None:
         if not self._is_open:
-            self.interruptions.append(Interruption(time, time, []))
+            self.interruptions.append(InterruptionSpan(time, time, []))
         last = self.interruptions[-1]
         if cause and cause not in last.causes:
             last.causes.append(cause)
