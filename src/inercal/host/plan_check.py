@@ -53,6 +53,9 @@ def check_plan(run: Run) -> tuple[str, ...]:
             key="[method] path",
             names=() if first is None else (first.label,),
         ) from None
+    except Exception:
+        # A method may be another package's: what it cannot do with an ideal path ends no run.
+        return ()
     undecided = "; ".join(sheet.undecided)
     lacking = f"the plan does not determine all coefficients: {undecided}" if undecided else ""
     return tuple(filter(None, (lacking, *sheet.warnings)))

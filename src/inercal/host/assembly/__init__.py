@@ -26,7 +26,7 @@ from inercal.benches.turntable import require_turntable
 from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
-from inercal.host.assembly.interruption_list import InterruptionSpan, InterruptionList
+from inercal.host.assembly.interruption_list import InterruptionList, InterruptionSpan
 from inercal.host.assembly.rate_polls import RatePolls
 from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
 from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
