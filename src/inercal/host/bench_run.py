@@ -250,7 +250,7 @@ class BenchRun:
         late, self._next = tick.time - self._next, max(self._next, tick.time) + step
         self.time = tick.time
         self._guard.beat()
-        self._interruptions.follow_host(late)
+        self._interruptions.follow_host(0.0 if self._before_start else late)
         self._mounting.update(self.time if self.state is None else self.state.time)
         self._send_commands()
         fresh = self._read()
