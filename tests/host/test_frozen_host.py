@@ -60,11 +60,11 @@ LOOK = 0.02  # s between two looks at a run
 PATIENCE = 400.0  # s
 
 
-def require_agreement(found: Calibration, unbroken: Calibration) -> float:
-    """See that two results agree within 3 u; return the largest difference over its u."""
+def require_agreement(found: Calibration, unbroken: Calibration, most: float = 3.0) -> float:
+    """See that two results agree within 3 u, or `most`; return the largest difference over u."""
     u = np.sqrt(np.diag(found.covariance) + np.diag(unbroken.covariance))
     apart = np.abs(found.values - unbroken.values) / u
-    assert apart.max() < 3.0, dict(
+    assert apart.max() < most, dict(
         zip(found.sensor.coefficients, apart.round(2).tolist(), strict=True)
     )
     return float(apart.max())
@@ -229,7 +229,8 @@ def test_in_real_time_no_run_of_a_frozen_host_is_lost(
     tmp_path: Path, run: Run, unbroken: Calibration, freeze: Freeze
 ):
     found = real_time_result(tmp_path / "run", run, freeze, seed=5)
-    print(f"{freeze}: at most {require_agreement(found, unbroken):.2f} u apart")
+    # Of 30 times 24 differences chance has two beyond 3 u, and one in 20 such tests beyond 4 u.
+    print(f"{freeze}: at most {require_agreement(found, unbroken, 4.0):.2f} u apart")
     # A first rest that was interrupted is left out of the recording, with the interruption.
     lengths = [stop - start for start, stop, _ in interruptions(tmp_path / "run")]
     assert freeze.start < FIRST_REST or max(lengths, default=0.0) > freeze.seconds - 0.1
