@@ -90,7 +90,7 @@ def carry_out(folder: Path, bench: InProcessBench, run: Run, disturb: Disturbanc
         (pause, "paused by the operator"),
         pytest.param(freeze, "the host stood still for 7.98 s", marks=pytest.mark.slow),
         pytest.param(stop, "stopped by the operator", marks=pytest.mark.slow),
-        pytest.param(kill, "the host had ended", marks=pytest.mark.slow),
+        pytest.param(kill, "the host was not running", marks=pytest.mark.slow),
         pytest.param(jump, JUMPED, marks=pytest.mark.slow),
     ],
 )
@@ -116,7 +116,7 @@ def test_only_gaps_in_an_interruption_are_explained_by_it():
     start, stop = np.array([100.0, 411.5, 430.0]), np.array([101.0, 455.6, 470.0])
     assert are_interrupted(start, stop, known).tolist() == [False, True, False]
     assert describe_interruptions(known) == (
-        "the run was interrupted once: from 412 s to 455 s (stopped by the operator); the steps in "
-        "hand were repeated"
+        "the run was interrupted once: from 412 s to 455 s (stopped by the operator); the "
+        "interrupted steps were repeated"
     )
     assert describe_interruptions(()) == ""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-HOST_GONE = "the host had ended"
+HOST_GONE = "the host was not running"
 
 
 @dataclass

@@ -70,7 +70,7 @@ def describe_interruptions(interruptions: Sequence[Interruption]) -> str:
     often = {1: "once", 2: "twice"}.get(count, f"{count} times")
     more = f" and {count - _NAMED} more times" if count > _NAMED else ""
     return (
-        f"the run was interrupted {often}: {', '.join(said)}{more}; the steps in hand were repeated"
+        f"the run was interrupted {often}: {', '.join(said)}{more}; the interrupted steps were repeated"
     )
 
 
