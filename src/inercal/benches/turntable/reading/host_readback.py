@@ -69,9 +69,8 @@ def describe_interruptions(interruptions: Sequence[Interruption]) -> str:
     count = len(interruptions)
     often = {1: "once", 2: "twice"}.get(count, f"{count} times")
     more = f" and {count - _NAMED} more times" if count > _NAMED else ""
-    return (
-        f"the run was interrupted {often}: {', '.join(said)}{more}; the interrupted steps were repeated"
-    )
+    times = ", ".join(said) + more
+    return f"the run was interrupted {often}: {times}; the interrupted steps were repeated"
 
 
 def read_host_readback(path: Path, recording: Recording) -> HostReadback:
