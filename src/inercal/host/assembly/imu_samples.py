@@ -227,6 +227,8 @@ class ReceivedSamples:
 
     def _feed_arrival(self, frame: LogFrame) -> None:
         """Take in a frame whose time of arrival matters."""
+        if self.offset is not None:
+            self._dating.begin_arrival(frame.time)
         rows = self._rows(self._decoder.feed(frame.payload))
         if not rows.ticks.size:
             return

@@ -141,6 +141,11 @@ class PacketDating:
         """Tell whether so much time has passed since the last arrival that anything may be lost."""
         return arrival - self._last_arrival > self._outage
 
+    def begin_arrival(self, arrival: float) -> None:
+        """Note that bytes arrive, which may not hold a whole packet yet."""
+        if self.follows_outage(arrival):
+            self._doubts = self._after_outage = self._begins_part = True
+
     def needs_arrival(self, arrival: float) -> bool:
         """Tell whether packets that arrive then are to be fed one arrival at a time.
 
@@ -187,8 +192,6 @@ class PacketDating:
         arrival : float
             s by the host's clock.
         """
-        if self.follows_outage(arrival):
-            self._doubts = self._after_outage = self._begins_part = True
         dated: list[PacketRows] = []
         for piece in self.split(rows):
             dated += self._place(piece, arrival)
