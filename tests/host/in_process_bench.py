@@ -50,6 +50,8 @@ class InProcessBench:
         Which boot the host is in.
     garbled : bool
         The IMU sends zeros instead of packets.
+    counter_error : int
+        By so much the IMU's counter is too high.
     commands : list of str
         What the host has told the controller.
     """
@@ -61,6 +63,7 @@ class InProcessBench:
         self._rate = run.rate_hz or 200.0
         self._packer = PacketPacker(_LAYOUT, self._rate)
         self.time, self.utc_step, self.boot, self.garbled = 0.0, 0.0, "first", False
+        self.counter_error = 0
         self.commands: list[str] = []
         self.restart_imu()
 
@@ -80,7 +83,7 @@ class InProcessBench:
         part = MotionBlock(
             until - start, self._period, first_cycle - cycle, moved, self.device.mounting
         )
-        if data := b"".join(self._packer(number, self._imu.read_block(part))):
+        if data := b"".join(self._packer(number + self.counter_error, self._imu.read_block(part))):
             self.pieces.append((until, bytes(len(data)) if self.garbled else data))
 
     def advance(self, seconds: float) -> None:

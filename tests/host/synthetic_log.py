@@ -17,7 +17,7 @@ from inercal.benches.turntable.attitude import ideal_readback, motion
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.simulation import PathProfile, path_profile
 from inercal.host.drivers.rotary_table import AxisState, TableState
-from inercal.host.packets import encode, read_layout
+from inercal.host.packets import PacketLayout, encode, read_layout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog
 from inercal.host.table_state_codec import pack_state
 from inercal.plan import Position, Rotation
@@ -63,6 +63,8 @@ class Faults:
     changed: float = 0.0
     outages: Sequence[tuple[float, float]] = ()
     silent: Sequence[tuple[float, float]] = ()
+    # From when to when the counter is so many packets too high.
+    jumps: Sequence[tuple[float, float, int]] = ()
 
 
 @dataclass
@@ -87,6 +89,7 @@ class Bench:
     wraps: float = inf
     delay: float = 0.0  # s, least, of packets on their way
     faults: Faults = field(default_factory=Faults)
+    layout: PacketLayout = LAYOUT
 
     def __post_init__(self) -> None:
         bench = self.run.bench
@@ -278,7 +281,9 @@ class Bench:
                 reading[:, k] += axis.noise.draw(self.rng, (time.size,), self.rate)
         self.reading = reading
         counter = self.counter + np.arange(time.size)
-        return encode(LAYOUT, reading, counter=counter, temperature=np.full(time.size, 298.15))
+        for start, stop, packets in self.faults.jumps:
+            counter[(time >= start) & (time < stop)] += packets
+        return encode(self.layout, reading, counter=counter, temperature=np.full(time.size, 298.15))
 
 
 def event(time: float, told: dict[str, object]) -> LogFrame:

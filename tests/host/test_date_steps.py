@@ -28,7 +28,7 @@ pytestmark = [
     pytest.mark.evidence,
     pytest.mark.skipif(FAKETIME is None, reason="faketime is not installed"),
 ]
-PATH = SHORT.replace("0,0,0,22", "0,0,0,6").replace("outer,90,30", "outer,360,30")
+PATH = SHORT.replace("outer,90,30", "outer,360,30")
 PATIENCE = 180.0  # s until the table turns: to home takes 40 s
 LOOK = 0.02  # s between two looks at a run
 

@@ -56,13 +56,19 @@ class MessageHistory:
         self.guard, self.sequencer = Guard(), Sequencer()
         self.imu, self.interlocks = Source(), Source()
         self._fails = fails
-        self.made = Interruptions(self.sequencer, self.guard, self._stop, self._say)  # pyright: ignore[reportArgumentType]
+        self.made = Interruptions(
+            self.sequencer,  # pyright: ignore[reportArgumentType]
+            self.guard,  # pyright: ignore[reportArgumentType]
+            self._stop,
+            lambda: None,
+            self._say,
+        )
 
     def update(self) -> None:
         self.made.check_guard()
         self.made.update(self.time, self.imu, self.interlocks, 10.0)
 
-    def _stop(self, how: Callable[[float], list[Command]]) -> None:
+    def _stop(self, how: Callable[[float], list[Command]], cause: str, lasted: float) -> None:
         self.done.append(f"{len(how(0.0))} stop")
         if self._fails == "section":
             raise InputError("no space left on device")

@@ -1,5 +1,6 @@
 """The order in which a run, what goes on beside it and what may take its time are left."""
 
+import shutil
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -21,6 +22,7 @@ class Run:
     ends: bool
     fails = False
     trouble = ""
+    needs_new_run = False
 
     def __init__(self, *_: object):
         Run.done.append("connected")
@@ -77,3 +79,23 @@ def test_a_run_whose_end_no_disk_takes_may_go_on_later(
     with pytest.raises(RunInterrupted):
         execute_run(*begun)
     assert Run.done[-1] == "at rest"
+
+
+@pytest.mark.parametrize("left", ["all", "no folder", "no path file", "no clocks"])
+def test_resuming_is_offered_only_where_it_is_possible(
+    begun: tuple[RunFolder, Journal], monkeypatch: pytest.MonkeyPatch, left: str
+):
+    made, journal = begun
+    made.log.write_bytes(b"a log")
+    monkeypatch.setattr(Run, "ends", False, raising=False)
+    monkeypatch.setattr(Run, "fails", False)
+    monkeypatch.setattr(Run, "needs_new_run", left == "no clocks")
+    if left == "no folder":
+        shutil.rmtree(made.path)
+    elif left == "no path file":
+        (made.path / "path.csv").unlink()
+    with pytest.raises(RunInterrupted) as interrupted:
+        execute_run(made, journal)
+    assert interrupted.value.can_be_resumed == (left == "all")
+    expected = {"all": "stopped, and at rest", "no clocks": "begin a new run"}
+    assert expected.get(left, "cannot be resumed") in str(interrupted.value)

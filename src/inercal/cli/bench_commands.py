@@ -82,6 +82,7 @@ def run(
     """Carry out the plan of a run file, and calibrate from its recording."""
     from datetime import datetime
 
+    from inercal.host.plan_check import check_plan
     from inercal.host.run_folder import create_run
     from inercal.runfile import read
 
@@ -89,9 +90,14 @@ def run(
     plan = read(run_file)
     kept = open_register(register)
     _require_operator(plan, answers, simulated=bool(clock))
+    with progress_status("checking the plan"):
+        warnings = check_plan(plan)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     result, journal = create_run(folder, plan, (table, imu, clock))
     with journal, result.removed_on_failure():
+        for words in warnings:
+            journal.record_event("warning", words)
+            print(f"inercal: {words}", file=sys.stderr)
         _complete_run(result, journal, options, json, kept, operator, answers)
 
 
@@ -219,7 +225,8 @@ def _carry_out_plan(
     except RunInterrupted as error:
         _enter_run(register_sync)
         print(f"inercal: interrupted: {error}", file=sys.stderr)
-        print(f"continue by: inercal bench resume {folder.path}", file=sys.stderr)
+        if error.can_be_resumed:
+            print(f"continue by: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(130) from None
     return run.recorder.live_estimator
 

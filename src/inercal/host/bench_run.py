@@ -24,6 +24,7 @@ import numpy as np
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
+from inercal.host.assembly.clock_matching import CLOCK_LOST
 from inercal.host.assembly.rate_polls import RatePlausibility
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
@@ -59,6 +60,7 @@ _SIMULATED_READ_TIMEOUT = 1.0  # s
 # Time that recording goes on, s: the last samples wait for the table's next reading
 _RECORDING_TAIL = 1.0
 _PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that it looks for a table that is gone
+_DATING_TIMEOUT = 10.0  # s until the first packets of a resumed run must have their dates
 _GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
 
 
@@ -113,7 +115,7 @@ class BenchRun:
         self._show_interval = show_interval
         self._bench, self._poll = bench, journal.header().poll
         self._commands: list[Command] = []
-        self._show_time, self._before_start = -inf, True
+        self._show_time, self._before_start, self._clocks_lost = -inf, True, False
         layout = layout_of_address(addresses.imu)
         if options.temperature is not None and "temperature" not in layout.roles:
             raise InputError(
@@ -139,7 +141,9 @@ class BenchRun:
             self._require_feasible_plan()
             patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
-            self._interruptions = Interruptions(self.sequencer, self._guard, self._stop, self._say)
+            self._interruptions = Interruptions(
+                self.sequencer, self._guard, self._stop, self._go_on, self._say
+            )
             self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
             self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
             self._mounting.restore()
@@ -182,6 +186,11 @@ class BenchRun:
         return self._interruptions.trouble
 
     @property
+    def needs_new_run(self) -> bool:
+        """Resuming is of no use: the clocks of the devices can no longer be matched."""
+        return self._clocks_lost or self.recorder.assembly.imu_mismatch is not None
+
+    @property
     def mounting_request(self) -> MountingRequest | None:
         """The mounting that waits for a confirmation, or None."""
         return self._mounting.request
@@ -215,7 +224,7 @@ class BenchRun:
                 # The watchdog of a host that was killed may be stopping the table still.
                 self._wait_for_rest()
                 # A device that has set its clock anew is reported before anything moves.
-                self._process_pending()
+                self._wait_for_dates()
                 self._begin_checks()
                 self._before_start = False
                 while not self.sequencer.is_over:
@@ -242,9 +251,10 @@ class BenchRun:
         tick = self._clock.end()
         # A bench that has gone on by itself is not followed tick by tick.
         step = self._poll * (HOLD_POLL_FACTOR if self.sequencer.is_holding else 1)
-        self._next = max(self._next, tick.time) + step
+        late, self._next = tick.time - self._next, max(self._next, tick.time) + step
         self.time = tick.time
         self._guard.beat()
+        self._interruptions.follow_host(0.0 if self._before_start else late)
         self._mounting.update(self.time if self.state is None else self.state.time)
         self._send_commands()
         fresh = self._read()
@@ -328,10 +338,15 @@ class BenchRun:
                 self._say("info", f"step {one.number + 1} of {len(self.tasks)}: {one.label}")
         result.clear()
 
-    def _stop(self, how: Callable[[float], list[Command]]) -> None:
-        """Pause or abort, `how` the sequencer does."""
+    def _stop(self, how: Callable[[float], list[Command]], cause: str, lasted: float) -> None:
+        """Pause or abort, `how` the sequencer does, for a cause that has lasted for some s."""
         self._table_driver.stop(how(self.time if self.state is None else self.state.time))
+        self._plausibility.expect_stop()
+        self.recorder.record_interruption(self.time, cause, lasted)
         self._record_sections()
+
+    def _go_on(self) -> None:
+        self.recorder.record_interruption(self.time, None)
 
     def _wait_for_rest(self) -> None:
         """See the table come to rest; where it does not, or is gone, the watchdog has it."""
@@ -339,6 +354,16 @@ class BenchRun:
         until, after = self.time + slowest + _GRACE, self.time + _RECORDING_TAIL
         while self.time < until and not (self._table_driver.at_rest and self.time > after):
             self._tick()
+
+    def _wait_for_dates(self) -> None:
+        """See that the IMU's packets can be dated; end the run where they cannot."""
+        self._process_pending()
+        until = self.time + _DATING_TIMEOUT
+        while self.recorder.assembly.waits_for_dates and self.time < until:
+            self._tick()
+            self._process_pending()
+        if (words := self.recorder.assembly.imu_mismatch) is not None:
+            self._interruptions.end(words)
 
     def _check_rest_with_gyros(self) -> None:
         """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
@@ -359,8 +384,11 @@ class BenchRun:
         try:
             block = self.recorder.process_pending(self.time)
         except InputError as error:
+            self._clocks_lost = set(error.names) >= CLOCK_LOST
             self._interruptions.end(str(error))
             return
+        if (mismatch := self.recorder.assembly.imu_mismatch) is not None:
+            self._imu.set_trouble(mismatch, self.time)
         packets = self.recorder.assembly.tally.bytes.packets
         if packets > self._packets[0] or not self._imu.is_receiving:
             self._packets = packets, self.time

@@ -61,12 +61,16 @@ class ImuReceiver:
         # What a simulated bench had sent before; None: its bytes are taken as they come.
         self._sent_before_opening = tick.bytes_sent
         self._last_bytes_time, self._steady_since = tick.time, tick.time
-        self._last_attempt_time = -inf
+        self._last_attempt_time, self._last_take_time = -inf, tick.time
         self.trouble: str | None = None
         self.trouble_since = tick.time
 
     def take(self, tick: Tick) -> ReceivedBytes:
         """Return the bytes that came by the tick: of a bench that counts them, to the last one."""
+        if tick.time - self._last_take_time > _SILENCE_LIMIT:
+            # The host itself stood still: whether the IMU was silent meanwhile nobody knows.
+            self._last_bytes_time = max(self._last_bytes_time, tick.time)
+        self._last_take_time = tick.time
         opened = self._port is None and self._try_to_reopen(tick)
         if self._port is None:
             return ReceivedBytes([])
@@ -81,7 +85,7 @@ class ImuReceiver:
         except LinkLost as error:
             self._port.close()
             self._port = None
-            self._set_trouble(f"the IMU is gone: {error}", tick.time)
+            self.set_trouble(f"the IMU is gone: {error}", tick.time)
             return ReceivedBytes([])
         self._update_trouble(tick.time, bool(pieces))
         return ReceivedBytes(pieces, opened)
@@ -114,7 +118,7 @@ class ImuReceiver:
     def _update_trouble(self, now: float, some: bool) -> None:
         """Say whether bytes come as they should."""
         if now - self._last_bytes_time > _SILENCE_LIMIT and not some:
-            self._set_trouble(f"the IMU has been silent for {_SILENCE_LIMIT:g} s", now)
+            self.set_trouble(f"the IMU has been silent for {_SILENCE_LIMIT:g} s", now)
         if some:
             if now - self._last_bytes_time > _SILENCE_LIMIT:
                 self._steady_since = now
@@ -122,7 +126,8 @@ class ImuReceiver:
             if self.trouble is not None and now - self._steady_since >= _RECOVERY_TIME:
                 self.trouble = None
 
-    def _set_trouble(self, words: str, now: float) -> None:
+    def set_trouble(self, words: str, now: float) -> None:
+        """State what is wrong, while it lasts: trouble ends 1 s after it was stated last."""
         self._steady_since = now
         if self.trouble is None:
             self.trouble, self.trouble_since = words, now

@@ -8,12 +8,13 @@ from typing import Literal, Protocol
 
 from inercal.errors import InercalError
 from inercal.host.guard import Guard
+from inercal.host.interlocks import MAX_CHECK_INTERVAL
 from inercal.host.sequencer import Sequencer
 from inercal.host.spin_sequencer import SpinSequencer
 from inercal.host.task_sequencer import Command
 
 _GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
-_PauseCause = Literal["operator", "watchdog", "IMU", "interlocks"]
+_PauseCause = Literal["operator", "host", "watchdog", "IMU", "interlocks"]
 
 
 class TroubleSource(Protocol):
@@ -31,7 +32,10 @@ class Interruptions:
     sequencer : Sequencer
     guard : Guard
     stop : callable
-        Takes `Sequencer.pause` or `Sequencer.abort`, and has the table do what it says.
+        Takes `Sequencer.pause` or `Sequencer.abort`, has the table do what it says, and keeps the
+        cause, in words, and for how many s it has lasted.
+    go_on : callable
+        Keeps that the run continues after a pause.
     say : callable
         Takes "info", "warning" or "alarm", and what an operator should know.
 
@@ -45,11 +49,13 @@ class Interruptions:
         self,
         sequencer: Sequencer | SpinSequencer,
         guard: Guard,
-        stop: Callable[[Callable[[float], list[Command]]], None],
+        stop: Callable[[Callable[[float], list[Command]], str, float], None],
+        go_on: Callable[[], None],
         say: Callable[[Literal["info", "warning", "alarm"], str], None],
     ):
         self.trouble = ""
-        self._sequencer, self._guard, self._stop, self._say = sequencer, guard, stop, say
+        self._sequencer, self._guard = sequencer, guard
+        self._stop, self._go_on, self._say = stop, go_on, say
         self._pauses: dict[_PauseCause, str] = {}
         self._reported_ends: set[str] = set()
         self._requests: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
@@ -88,11 +94,26 @@ class Interruptions:
         if monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
             self.check_guard()
         self._follow_trouble("IMU", imu, time, patience)
-        if imu.trouble is None:  # else that is the reason, and said already
+        # Else that is the reason, and said already.
+        if imu.trouble is None and "host" not in self._pauses:
             self._follow_trouble("interlocks", interlocks, time, patience)
         if self._sequencer.phase == "paused" and not self._pauses:
             self._say("info", "the run continues")
             self._sequencer.resume()
+            self._go_on()
+
+    def follow_host(self, late: float) -> None:
+        """Pause where the host itself stood still, until its next tick: nothing was checked.
+
+        Parameters
+        ----------
+        late : float
+            s by which a tick came too late.
+        """
+        if late > MAX_CHECK_INTERVAL:
+            self._pause("host", f"the host stood still for {late:.3g} s", late)
+        else:
+            self._pauses.pop("host", None)
 
     def check_guard(self) -> None:
         """Hear what the watchdog says, and that it is there."""
@@ -124,7 +145,7 @@ class Interruptions:
         try:
             # Before anything is said: a journal may have to be waited for, or be what has failed.
             if not self._sequencer.is_over:
-                self._stop(self._sequencer.abort)
+                self._stop(self._sequencer.abort, words, 0.0)
         finally:
             # While the table comes to rest it is looked at again and again: once said is enough.
             if words not in self._reported_ends:
@@ -147,9 +168,9 @@ class Interruptions:
         else:
             self._pause(why, source.trouble)
 
-    def _pause(self, why: _PauseCause, words: str) -> None:
+    def _pause(self, why: _PauseCause, words: str, lasted: float = 0.0) -> None:
         if why in self._pauses or self._sequencer.is_over:
             return
         self._pauses[why] = words
-        self._stop(self._sequencer.pause)
+        self._stop(self._sequencer.pause, words, lasted)
         self._say("warning", f"{words}; the table stops, the step in hand will be repeated")

@@ -166,6 +166,13 @@ class RunRecorder(Closeable):
         self._event(time, {"what": "section", **content, "hold": holds})
         self._waiting_sections.append((time, one))
 
+    def record_interruption(self, time: float, cause: str | None, lasted: float = 0.0) -> None:
+        """Keep why the table is stopped, in words, for a cause that has lasted for some s.
+
+        None: the run continues.
+        """
+        self._event(time, {"what": "interruption", "cause": cause, "since": time - lasted})
+
     def record_message(
         self, time: float, level: Literal["info", "warning", "alarm"], words: str
     ) -> None:

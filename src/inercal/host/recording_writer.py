@@ -19,8 +19,11 @@ from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable.reading.host_readback import (
     BENCH_GROUP,
     IMPLAUSIBLE_POLLS,
+    INTERRUPTIONS,
     POLLS,
     UNUSABLE_ANGLES,
+    Interruption,
+    write_interruptions,
 )
 from inercal.data.recording_loader import readback_columns
 from inercal.errors import InputError, require_extra, require_installed
@@ -178,6 +181,7 @@ def write_recording(
         IMPLAUSIBLE_POLLS: tally.implausible_polls,
         **{f"bytes: {name}": n for name, n in asdict(tally.bytes).items()},
         **{f"packets left out: {name}": n for name, n in asdict(tally.drops).items()},
+        INTERRUPTIONS: write_interruptions(_interruptions(assembly)),
         **(about or {}),
     }
     reads_angles = bool(readback_columns(run))
@@ -206,6 +210,16 @@ def write_recording(
             for name in AngleQuality._fields:
                 group[name] = np.concatenate([getattr(one, name) for one in blocks])
     return path
+
+
+def _interruptions(assembly: SampleAssembler) -> list[Interruption]:
+    """Return the interruptions of a recording, s from its first sample on."""
+    begin = assembly.recording_start or 0.0
+    return [
+        Interruption(one.start - begin, one.stop - begin, "; ".join(one.causes))
+        for one in assembly.interruptions
+        if one.start > begin
+    ]
 
 
 def _recording_columns(

@@ -12,7 +12,18 @@ from inercal.host.run_folder import RunFolder
 
 
 class RunInterrupted(InercalError):
-    """The run was interrupted and can be resumed; `str(error)` is the reason."""
+    """The run was interrupted; `str(error)` is the reason.
+
+    Parameters
+    ----------
+    reason : str
+    can_be_resumed : bool
+        Its folder is there, and the clocks of the devices can still be matched.
+    """
+
+    def __init__(self, reason: str, *, can_be_resumed: bool):
+        super().__init__(reason)
+        self.can_be_resumed = can_be_resumed
 
 
 def execute_run(
@@ -42,7 +53,7 @@ def execute_run(
 
     Raises
     ------
-    Interrupted
+    RunInterrupted
         It came to an end before the plan's.
     InercalError
         Nothing was begun; see `BenchRun`.
@@ -57,7 +68,19 @@ def execute_run(
         try:
             done = run.execute_plan()
         except InercalError as error:  # of a full disk: neither log nor journal takes the end
-            raise RunInterrupted(str(error)) from error
+            raise _interrupted(str(error), folder, run) from error
     if not done:
-        raise RunInterrupted(run.trouble)  # what was said of the end is in it by now
+        raise _interrupted(run.trouble, folder, run)  # what was said of the end is in it by now
     return run
+
+
+def _interrupted(reason: str, folder: RunFolder, run: BenchRun) -> RunInterrupted:
+    """Return what is raised of an interruption, with what can be done."""
+    if not folder.is_complete:
+        advice = f"the folder {folder.path} or a file in it is gone, so the run cannot be resumed"
+    elif run.needs_new_run:
+        advice = "begin a new run"
+    else:
+        return RunInterrupted(reason, can_be_resumed=True)
+    words = reason if advice in reason else f"{reason}; {advice}"
+    return RunInterrupted(words, can_be_resumed=False)

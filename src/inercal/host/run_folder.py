@@ -88,12 +88,12 @@ class RunFolder:
 
         Of devices that were not there nothing is left, and the folder's name is free again.
         """
+        copied = (self.run.path.name, *_referenced_files(self.run.path))
         try:
             yield
         except BaseException:
             if not (self.log.exists() and self.log.stat().st_size):
                 journal = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm")
-                copied = (self.run.path.name, *_referenced_files(self.run.path))
                 for name in (LOG, *journal, *copied, *more):
                     (self.path / name).unlink(missing_ok=True)
                 with suppress(OSError):  # a folder that was there before may hold other files
@@ -109,6 +109,15 @@ class RunFolder:
     def journal(self) -> Path:
         """The journal."""
         return self.path / JOURNAL
+
+    @property
+    def is_complete(self) -> bool:
+        """The files by which the run is resumed are there."""
+        try:
+            steps = read(self.run.path).steps
+        except InputError:  # a file that it names may be gone too
+            return False
+        return bool(steps) and self.log.is_file() and self.journal.is_file()
 
     def output_path(self, kind: str) -> Path:
         """Return the name of what is made of the run: "calibration.json", "report.html"."""

@@ -34,6 +34,7 @@ READ_TIMEOUT = 0.28
 # Time without a reading after which a table that may turn is stopped, s: one reply that does not
 # come, or wrong ones for as long. A single wrong one is read again.
 _BLIND_LIMIT = 0.25
+_MAX_ROUND_TRIP = 1.0  # s; a longer one is that of a host that was frozen meanwhile
 _MAX_FAILED_READINGS = 10  # readings in a row that may fail
 _GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
 _REST_TIMEOUT = 12.0  # s of the wall's to come to rest in, seen by the watchdog
@@ -69,7 +70,8 @@ class TableDriver:
         self.state: TableState | None = None
         self.at_rest = True
         self._table, self._guard, self._now, self._say = table, guard, now, say
-        self._commanded, self._failed_readings, self._shortest_round_trip = False, 0, inf
+        self._commanded, self._failed_readings = False, 0
+        self._shortest_round_trip = inf
         self._servos_off = False
         self._last_reading, self._stopped_blind, self._may_turn = monotonic(), False, False
 
@@ -104,8 +106,10 @@ class TableDriver:
         # Clocks are tied by the least that comes later than the table says: of a state that comes
         # late no more is taken off than of the fastest.
         answered = self._now()
-        self._shortest_round_trip = min(self._shortest_round_trip, answered - requested)
-        time = answered - self._shortest_round_trip / 2
+        if answered - requested <= _MAX_ROUND_TRIP:
+            self._shortest_round_trip = min(self._shortest_round_trip, answered - requested)
+        shortest = self._shortest_round_trip
+        time = answered - (shortest / 2 if isfinite(shortest) else 0.0)
         if not isfinite(state.time):
             state = replace(state, time=time)  # a controller that tells none
         self.state = state

@@ -206,9 +206,16 @@ def burst_findings(recording: Recording) -> list[Finding]:
     return [Finding("refused", "bursts", text)]
 
 
-def gap_findings(recording: Recording) -> list[Finding]:
-    """Note gaps; those inside a section that lose more than 1 % of the time are a warning."""
-    found = recording.gaps
+def gap_findings(recording: Recording, gaps: Indices | None = None) -> list[Finding]:
+    """Note gaps; those inside a section that lose more than 1 % of the time are a warning.
+
+    Parameters
+    ----------
+    recording : Recording
+    gaps : (n, 2) array of int, optional
+        Samples before and after each gap; by default all gaps of the recording.
+    """
+    found = recording.gaps if gaps is None else gaps
     if (refusal := _mixed_unit_finding(recording)) is not None:
         return [refusal]
     if recording.labels is None:

@@ -2,15 +2,15 @@
 
 The IMU's time is its own counter's, the table's its controller's. Both are tied to the host's clock
 by the least difference to the time of arrival in the first seconds: what is left is the bench's
-latency. Arrivals serve for nothing else but to tell, after an outage, how often a counter has begun
-again meanwhile.
+latency. Later, arrivals only tell how often a counter has begun again meanwhile (`packet_dating`).
 
 The same frames give the same samples to the last bit, however often `take` is called.
 
 Events are JSON objects by their `what`. "session": a host attached; `next` is the first step that
 is to be done (anew), `wraps` the s after which the table's clock begins again, null or left out if
 never. "section": `number`, `label`, `state` "begun", "done" or "void", `time` by the table's clock,
-and whether it is a `hold`. Others are of no matter here.
+and whether it is a `hold`. "interruption": `cause`, in words, why the table is stopped, and `since`
+when that was so, s of the run; null: the run continues. Others are of no matter here.
 """
 
 import json
@@ -26,6 +26,7 @@ from inercal.benches.turntable import require_turntable
 from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
+from inercal.host.assembly.interruption_list import InterruptionList, InterruptionSpan
 from inercal.host.assembly.rate_polls import RatePolls
 from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
 from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
@@ -168,6 +169,7 @@ class SampleAssembler:
         self._records_angles = bool(names)
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
+        self._interruptions = InterruptionList()
         self._start_recording()
 
     @property
@@ -185,11 +187,26 @@ class SampleAssembler:
         )  # fmt: skip
 
     @property
+    def interruptions(self) -> tuple[InterruptionSpan, ...]:
+        """When the run was interrupted, s of the run, and why."""
+        return tuple(replace(one) for one in self._interruptions.interruptions)
+
+    @property
     def offset(self) -> float | None:
         """The IMU's clock minus the table's, s, as arrival has it; None while it is not known."""
         if self._imu.offset is None or self._table.offset is None:
             return None
         return self._table.offset - self._imu.offset
+
+    @property
+    def imu_mismatch(self) -> str | None:
+        """Why the packets that come cannot be dated, in words; None while they can."""
+        return self._imu.mismatch
+
+    @property
+    def waits_for_dates(self) -> bool:
+        """The IMU's packets cannot be dated, or not yet."""
+        return self._imu.waits_for_dates
 
     @property
     def is_recording(self) -> bool:
@@ -236,11 +253,13 @@ class SampleAssembler:
         Raises
         ------
         InputError
-            A frame that is none of a run, or a device that set its clock anew.
+            A frame that is none of a run, or a table that set its clock anew.
         """
         pending, self._pending = self._pending, []
         for kind, group in groupby(_sort_frames(pending), key=lambda one: one.kind):
             frames = list(group)
+            if kind != EVENT:
+                self._interruptions.hear(max(frame.time for frame in frames))
             if kind == IMU:
                 self._imu.feed(frames)
             elif kind == TABLE:
@@ -259,6 +278,9 @@ class SampleAssembler:
 
     def _process_event(self, frame: LogFrame) -> None:
         event = _parse_event(frame)
+        self._interruptions.add_event(frame.time, event)
+        if event.get("cause") is not None:
+            self._table.expect_stop()
         if event.get("what") == "section":
             self._sections.add_event(event, self._table.wrap_offset)
         elif event.get("what") == "session":

@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.host.assembly.clock_matching import MATCHING_TIME, wrap_correction
+from inercal.host.assembly.clock_matching import MATCHING_TIME
+from inercal.host.assembly.packet_dating import PacketDating, PacketRows
 from inercal.host.packets import Decoder, Flag, PacketCounts, PacketLayout, Packets
 from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import LogFrame
 from inercal.sensors import Sensor
 
-_WRAP_SHARE, _MAX_SILENCE = (
-    0.25,
-    1.0,
-)  # of a turn of the counter, s: beyond that arrival tells turns
+_MISMATCH_TIME = 2.0  # s for which packets may wait for their date before that is said
 _ROUNDING = 1e-6
+_MAX_TICK = 2.0**53  # beyond which whole numbers are not exact
 _MAX_RECENT = 256  # pieces: those of the 5 s in which the clocks are matched come one a tick
 _NO_NUMBER, _BAD_STATUS, _BEYOND_RANGE = 1, 2, 3
 _FLAWS = {_NO_NUMBER: "no_number", _BAD_STATUS: "bad_status", _BEYOND_RANGE: "beyond_range"}
@@ -40,21 +39,6 @@ class PacketSamples(NamedTuple):
         return self._make(column[rows] for column in self)
 
 
-class _PacketRows(NamedTuple):
-    """Packets, with what is wrong with each; 0 is nothing."""
-
-    ticks: Array
-    output: Array
-    temperature: Array
-    flaw: NDArray[np.int64]
-
-    def where(self, rows: "NDArray[np.bool_] | slice") -> "_PacketRows":
-        return self._make(column[rows] for column in self)
-
-    def join(self, other: "_PacketRows") -> "_PacketRows":
-        return self._make(map(np.concatenate, zip(self, other, strict=True)))
-
-
 @dataclass
 class DroppedPackets:
     """Packets that are no samples, by kind.
@@ -63,12 +47,15 @@ class DroppedPackets:
     ----------
     repeated, out_of_order : int
         Of a counter that came before, or that is ahead of those behind it.
+    undated : int
+        Of a counter that jumped, or of which nothing tells how often it has come round.
     no_number, bad_status, beyond_range : int
         No reading; the device says that it is not good; beyond the full scale of the sensor.
     """
 
     repeated: int = 0
     out_of_order: int = 0
+    undated: int = 0
     no_number: int = 0
     bad_status: int = 0
     beyond_range: int = 0
@@ -124,10 +111,10 @@ class ReceivedSamples:
             )
         if layout.sequence == "counter":
             self.per_second = rate * (layout.step or 1.0)
-            self._wraps = float(layout.wraps.get("counter", 0)) or inf
+            turn, step = float(layout.wraps.get("counter", 0)) or inf, layout.step or 1.0
         elif "time" in roles:
             self.per_second = 1.0
-            self._wraps = (layout.wraps.get("time", 0) * layout.time.size) or inf
+            turn, step = (layout.wraps.get("time", 0) * layout.time.size) or inf, 1 / rate
         else:
             raise InputError(
                 f"the packets of {layout.name!r} have neither counter nor time, so lost packets "
@@ -147,10 +134,10 @@ class ReceivedSamples:
         self._zeros = np.array([one.readout.offset for one in self.sensor.axes])
         self._decoder = Decoder(layout, mid_stream=True, time_zero=None)
         self._before = PacketCounts()
-        self._pending_rows: _PacketRows | None = None
+        self._pending_rows: PacketRows | None = None
         self._last = -inf
-        self._first_arrival, self._least_difference = -inf, inf
-        self._last_arrival, self._wrap_offset, self._must_match = 0.0, 0.0, False
+        self._first_arrival, self._least_difference, self._last_tick = -inf, inf, 0.0
+        self._dating = PacketDating(self.per_second, turn, step)
 
     @property
     def _roles(self) -> list[str]:
@@ -175,82 +162,115 @@ class ReceivedSamples:
             return self.offset
         return self._least_difference if isfinite(self._least_difference) else None
 
+    @property
+    def waits_for_dates(self) -> bool:
+        """Packets have come that cannot be dated, or not yet."""
+        return self._dating.doubt_since is not None
+
+    @property
+    def mismatch(self) -> str | None:
+        """Why packets that come have no date, in words; None while they have one."""
+        dating = self._dating
+        if dating.waiting_time < _MISMATCH_TIME:
+            return None
+        if not dating.counts_turns:
+            return (
+                f"the IMU's counter starts again every {dating.turn_seconds:.3g} s, and the IMU "
+                "was silent for too long to count how often it did"
+            )
+        return (
+            f"the IMU's counter is {abs(dating.behind):.3g} s off: the IMU was restarted, or its "
+            "counter has jumped"
+        )
+
     def begin_session(self) -> None:
         """Begin to decode anew: of what came in between nothing is known."""
         self._before = self.counts
         zero = self._decoder.time_zero
         self._decoder = Decoder(self.layout, mid_stream=True, time_zero=zero)
         if self.offset is None:
-            self._pending_rows, self._last, self._least_difference, self._first_arrival = (
-                None,
-                -inf,
-                inf,
-                -inf,
-            )
-            self.waiting.clear()
-            self.recent.clear()
+            self._restart_matching()
             return
         if self._pending_rows is not None and self._pending_rows.ticks[0] > self._last:
             self._keep(self._pending_rows)
-        self._pending_rows, self._must_match = None, True
+        self._pending_rows = None
+        self._dating.begin_session()
 
     def feed(self, frames: Sequence[LogFrame]) -> None:
-        """Take in what came in one session.
-
-        Raises
-        ------
-        InputError
-            A counter that began anew.
-        """
-        silence = min(_WRAP_SHARE * self._wraps / self.per_second, _MAX_SILENCE)
-        together: list[bytes] = []
+        """Take in what came in one session."""
+        together: list[LogFrame] = []
         for frame in frames:
             if not frame.payload:
                 continue
-            if self.offset is not None and frame.time - self._last_arrival > silence:
-                self._must_match = True
-            if self.offset is None or self._must_match:
-                if together:
-                    self._take(self._decoder.feed(b"".join(together)))
-                    together.clear()
-                self._feed_and_match(frame)
+            if self.offset is None or self._dating.needs_arrival(frame.time):
+                self._feed_together(together)
+                together.clear()
+                self._feed_arrival(frame)
             else:
-                together.append(frame.payload)
-            if not self._must_match:
-                self._last_arrival = frame.time
-        if together:
-            self._take(self._decoder.feed(b"".join(together)))
+                together.append(frame)
+            self._dating.hear(frame.time)
+        self._feed_together(together)
 
-    def _feed_and_match(self, frame: LogFrame) -> None:
+    def _feed_together(self, frames: Sequence[LogFrame]) -> None:
+        """Take in frames at once, or one by one where a counter does not continue."""
+        if not frames:
+            return
+        before = self._decoder.copy()
+        rows = self._rows(self._decoder.feed(b"".join(frame.payload for frame in frames)))
+        if self.offset is not None and self._dating.follows_dated(rows.ticks):
+            if rows.ticks.size:
+                self._take(self._dating.date_next(rows))
+            return
+        self._decoder = before
+        for frame in frames:
+            self._feed_arrival(frame)
+
+    def _feed_arrival(self, frame: LogFrame) -> None:
         """Take in a frame whose time of arrival matters."""
-        packets = self._decoder.feed(frame.payload)
-        if not len(packets):
+        if self.offset is not None:
+            self._dating.begin_arrival(frame.time)
+        rows = self._rows(self._decoder.feed(frame.payload))
+        if not rows.ticks.size:
             return
-        newest = float(self._ticks(packets)[-1]) / self.per_second
         if self.offset is None:
-            if self._first_arrival == -inf:
-                self._first_arrival = frame.time
-            if frame.time < self._first_arrival + MATCHING_TIME:
-                self._least_difference = min(self._least_difference, frame.time - newest)
-            else:
-                self.offset = self._least_difference
-        elif self._must_match:
-            behind = frame.time - self.offset - newest
-            outage = frame.time - self._last_arrival
-            added = wrap_correction(behind, self._wraps / self.per_second, outage, "the IMU")
-            self._wrap_offset += added * self.per_second
-            self._must_match = False
-        self._take(packets)
-
-    def _ticks(self, packets: Packets) -> Array:
-        if self.layout.sequence == "counter" and packets.counter is not None:
-            return packets.counter.astype(np.float64) + self._wrap_offset
-        return np.zeros(len(packets)) if packets.time is None else packets.time + self._wrap_offset
-
-    def _take(self, packets: Packets) -> None:
-        """Keep what is in order and good; the last packet waits for the one behind it."""
-        if not len(packets):
+            self._take(self._match(frame.time, rows))
             return
+        for dated in self._dating.date(rows, frame.time):
+            self._take(dated)
+        self.drops.undated = self._dating.dropped
+
+    def _match(self, arrival: float, rows: PacketRows) -> PacketRows:
+        """Look for the least difference of the clocks, in a time without a gap or an outage.
+
+        Returns the packets of this time.
+        """
+        *before, rows = self._dating.split(rows)
+        if self._first_arrival != -inf and (
+            before
+            or self._dating.follows_outage(arrival)
+            or self._dating.has_gap(rows.ticks, self._last_tick)
+        ):
+            self._restart_matching()
+        if self._first_arrival == -inf:
+            self._first_arrival = arrival
+        newest = self._last_tick = float(rows.ticks[-1])
+        if arrival < self._first_arrival + MATCHING_TIME:
+            difference = arrival - newest / self.per_second
+            self._least_difference = min(self._least_difference, difference)
+        else:
+            self.offset = self._least_difference
+            self._dating.begin(arrival, self.offset, newest)
+        return rows
+
+    def _restart_matching(self) -> None:
+        """Look for the least difference of the clocks anew: what came before has no date."""
+        self._pending_rows, self._last = None, -inf
+        self._least_difference, self._first_arrival = inf, -inf
+        self.waiting.clear()
+        self.recent.clear()
+
+    def _rows(self, packets: Packets) -> PacketRows:
+        """Return packets with their flaws, those without a number of their own left out."""
         output = self.sensor.to_output(packets.readings[:, self._columns])
         with np.errstate(invalid="ignore"):
             flaw = np.where(
@@ -258,13 +278,22 @@ class ReceivedSamples:
             )
         flaw[packets.flags & Flag.STATUS != 0] = _BAD_STATUS
         flaw[~np.isfinite(output).all(axis=-1)] = _NO_NUMBER
-        rows = _PacketRows(self._ticks(packets), output, packets.temperature, flaw)
+        if self.layout.sequence == "counter" and packets.counter is not None:
+            ticks = packets.counter.astype(np.float64)
+        else:
+            ticks = np.zeros(len(packets)) if packets.time is None else packets.time
+        rows = PacketRows(ticks, output, packets.temperature, flaw)
+        known = np.abs(ticks) < _MAX_TICK  # a clock that is a real number may be none
+        return rows if known.all() else rows.where(known)
+
+    def _take(self, rows: PacketRows) -> None:
+        """Keep what is in order and good; the last packet waits for the one behind it."""
         if self._pending_rows is not None:
             rows = self._pending_rows.join(rows)
         self._pending_rows = rows.where(slice(-1, None))
         self._keep(rows.where(self._in_order(rows.ticks)))
 
-    def _keep(self, rows: _PacketRows) -> None:
+    def _keep(self, rows: PacketRows) -> None:
         """Count flaws, and let samples without one wait."""
         if not rows.ticks.size:
             return

@@ -25,6 +25,7 @@ class Plausibility(ABC, Generic[R]):
         self.rejected, self.in_a_row = 0, 0
         self._accepted: R | None = None
         self._doubted: R | None = None
+        self._stopping = False  # a stop was commanded, and the table does not yet rest
 
     @property
     def is_fault(self) -> bool:
@@ -40,9 +41,14 @@ class Plausibility(ABC, Generic[R]):
         )
 
     def restart(self) -> None:
-        """Compare the next reading with none before: the host was away."""
+        """Compare the next reading with none before: the host was away, a table may be stopping."""
         self._accepted = self._doubted = None
         self.in_a_row = 0
+        self._stopping = True
+
+    def expect_stop(self) -> None:
+        """Allow any deceleration until the table rests: a stop may exceed the limits of a plan."""
+        self._stopping = True
 
     @abstractmethod
     def accept_state(self, state: TableState) -> bool:

@@ -69,6 +69,8 @@ class PollRecord(ABC):
         self.drops = self.count = 0
         self._counted = plausibility
         self._first_arrival, self._least_difference = 0.0, inf
+        # The host's time minus the table's as last heard: the clocks drift apart in a long run.
+        self._difference = 0.0
         self._wraps, self._must_match = inf, False
         self.wrap_offset = 0.0
 
@@ -98,6 +100,10 @@ class PollRecord(ABC):
         else:
             self._must_match = True
 
+    def expect_stop(self) -> None:
+        """Allow any deceleration until the table rests."""
+        self._counted.expect_stop()
+
     def feed(self, frames: Sequence[LogFrame]) -> None:
         """Take in polls of one session.
 
@@ -112,12 +118,12 @@ class PollRecord(ABC):
         heard = np.array([frame.time for frame in frames])
         time = np.where(np.isfinite(came.time), came.time, heard)
         if self._must_match and self.offset is not None:
-            outage = float(heard[0]) - self.offset - self.last
-            self.wrap_offset = wrap_correction(
-                float(heard[0]) - self.offset - float(time[0]), self._wraps, outage, "the table"
-            )
+            behind = float(heard[0]) - self._difference - float(time[0])
+            outage = float(heard[0]) - self._difference - self.last
+            self.wrap_offset = wrap_correction(behind, self._wraps, outage)
             self._must_match = False
         time = time + self.wrap_offset
+        self._difference = float(heard[-1] - time[-1])
         later = time > np.maximum.accumulate(np.concatenate([[self.last], time[:-1]]))
         self.drops += int(np.sum(~later))
         self.count += len(frames)

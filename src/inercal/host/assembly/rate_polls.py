@@ -52,12 +52,17 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
         """Tell whether rates, (k,) rad/s, are plausible after those before.
 
         A second reading that agrees with one that was rejected is accepted: the first was right.
+        From a stop that was commanded until the table rests any deceleration is plausible.
         """
         now = time, rates
         before, doubted = self._accepted, self._doubted
         if self._is_possible(rates) and (
-            before is None or self._agrees(before, now) or (doubted and self._agrees(doubted, now))
+            before is None
+            or self._stopping
+            or self._agrees(before, now)
+            or (doubted and self._agrees(doubted, now))
         ):
+            self._stopping &= bool((np.abs(rates) > _BAND).any())
             self._accept(now)
             return True
         self._reject(now)

@@ -12,8 +12,9 @@ e as the controller states them, and the bench's limits ω_max and α_max::
 n is six standard deviations of the readback's noise and the resolution of the digits, τ by how much
 the readback may be late. What the controller does not state is not checked.
 
-A servo may decelerate faster than the bench's limits say, as when it is stopped. Two readings in a
-row that agree with one another, and are possible after the last accepted one, are accepted again.
+A servo may decelerate faster than the bench's limits say. Two readings in a row that agree with one
+another, and are possible after the last accepted one, are accepted again. From a stop that was
+commanded until the table rests only the first line counts.
 """
 
 from collections.abc import Sequence
@@ -114,6 +115,7 @@ class ReadingPlausibility(Plausibility[_Reading]):
         return False
 
     def _accept(self, now: _Reading) -> None:
+        self._stopping &= not now.settled
         before = self._accepted if self._doubted is None else None
         if before is not None and now.time - before.time <= _MAX_COMPARABLE_GAP:
             interval = now.time - before.time
@@ -135,8 +137,9 @@ class ReadingPlausibility(Plausibility[_Reading]):
         """Tell whether one reading may follow another on all axes."""
         if not 0 < now.time - before.time <= _MAX_COMPARABLE_GAP:
             return False
-        return self._is_possible(before, now) and all(
-            self._agrees_on_axis(before, now, i) for i in range(len(now.axes))
+        return self._is_possible(before, now) and (
+            self._stopping
+            or all(self._agrees_on_axis(before, now, i) for i in range(len(now.axes)))
         )
 
     def _agrees_on_axis(self, before: _Reading, now: _Reading, i: int) -> bool:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from functools import partial
 from math import inf, isfinite
 
 from inercal.arrays import Array
@@ -54,7 +55,8 @@ class ManualImu(Closeable):
         wraps: float = inf,
     ):
         self._wraps = wraps
-        self._assembly = SampleAssembler(run, layout_of_address(address))
+        self._new_assembly = partial(SampleAssembler, run, layout_of_address(address))
+        self._assembly = self._new_assembly()
         self._interlocks = interlocks
         self._work_time = tick.time
         self._receiver = ImuReceiver(
@@ -93,12 +95,16 @@ class ManualImu(Closeable):
         Raises
         ------
         InputError
-            A device that has set its clock anew.
+            A table that has set its clock anew.
         """
         if time - self._work_time < _WORK_INTERVAL:
             return None
         self._work_time = time
         block = self._assembly.take()
+        if self._assembly.imu_mismatch is not None:
+            # An IMU that was switched off and on: here its clock may be matched anew.
+            self._assembly = self._new_assembly()
+            self._begin(time)
         return (
             None if block is None else self._interlocks.check_gyros(block.track.with_known_angles)
         )

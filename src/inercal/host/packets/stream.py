@@ -5,6 +5,7 @@ thrown away and counted.
 """
 
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass, fields, replace
 from math import isfinite
 from pathlib import Path
@@ -155,6 +156,12 @@ class Decoder:
     def pending(self) -> int:
         """Bytes that are held back."""
         return len(self._buffer)
+
+    def copy(self) -> "Decoder":
+        """Return a decoder that continues from here by itself."""
+        made = copy(self)
+        made._sequences = {role: copy(one) for role, one in self._sequences.items()}
+        return made
 
     def feed(self, data: bytes) -> Packets:
         """Return the packets that `data` completes; raises nothing, whatever the bytes are."""

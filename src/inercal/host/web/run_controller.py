@@ -15,6 +15,7 @@ from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator, start_
 from inercal.host.clock import SimulatedClock
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
+from inercal.host.plan_check import check_plan
 from inercal.host.precompilation import precompile_run
 from inercal.host.registration import RegisterSync
 from inercal.host.run_completion import finish_run
@@ -143,7 +144,11 @@ class RunController:
         if order.plan is None:
             return reopen_run(self._folder, addresses)
         content = changed_run_file(run.path, order.sensor, order.filter)
-        return create_run(self._folder, run, addresses, content=content)
+        warnings = check_plan(run)
+        made, journal = create_run(self._folder, run, addresses, content=content)
+        for words in warnings:
+            journal.record_event("warning", words)
+        return made, journal
 
     def _execute_plan(
         self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"

@@ -4,9 +4,15 @@ The group `bench` of the HDF5 file has the quality of the interpolated angles, a
 (`recording.AngleQuality`), and as attributes the numbers of omitted readings.
 """
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.hdf5 import ISOLATION, Group, read_group
 from inercal.io.isolation import read_isolated
@@ -15,8 +21,19 @@ from inercal.recording import AngleQuality, Finding, Recording
 BENCH_GROUP = "bench"
 POLLS, IMPLAUSIBLE_POLLS = "polls", "polls left out as implausible"
 UNUSABLE_ANGLES = "samples with unusable angle"
+INTERRUPTIONS = "interruptions"
+_MARGIN = 2.0  # s by which an interruption is noticed late, and the samples are back late
+_NAMED = 5  # interruptions that are stated with their times
 _FEW = 0.01  # of the readings, that may be left out without a word in the verdict
 _SUFFIXES = (".h5", ".hdf5")
+
+
+class Interruption(NamedTuple):
+    """A time in which a run was stopped or had no host: s from the first sample on, and why."""
+
+    start: float
+    stop: float
+    cause: str
 
 
 class HostReadback(NamedTuple):
@@ -24,6 +41,37 @@ class HostReadback(NamedTuple):
 
     quality: AngleQuality | None
     findings: tuple[Finding, ...] = ()
+    interruptions: tuple[Interruption, ...] = ()
+
+
+def are_interrupted(
+    start: Array, stop: Array, interruptions: Sequence[Interruption]
+) -> NDArray[np.bool_]:
+    """Return which of the times from `start` to `stop`, (n,) s, lie in an interruption."""
+    known = np.zeros(start.size, np.bool_)
+    for one in interruptions:
+        known |= (start >= one.start - _MARGIN) & (stop <= one.stop + _MARGIN)
+    return known
+
+
+def write_interruptions(interruptions: Sequence[Interruption]) -> str:
+    """Return interruptions as the text of an attribute, which `read_host_readback` reads."""
+    return json.dumps([tuple(one) for one in interruptions])
+
+
+def describe_interruptions(interruptions: Sequence[Interruption]) -> str:
+    """Return in a sentence when a run was interrupted, and why; empty where it never was."""
+    if not interruptions:
+        return ""
+    said = [
+        f"from {one.start:.4g} s to {one.stop:.4g} s ({one.cause})"
+        for one in interruptions[:_NAMED]
+    ]
+    count = len(interruptions)
+    often = {1: "once", 2: "twice"}.get(count, f"{count} times")
+    more = f" and {count - _NAMED} more times" if count > _NAMED else ""
+    times = ", ".join(said) + more
+    return f"the run was interrupted {often}: {times}; the interrupted steps were repeated"
 
 
 def read_host_readback(path: Path, recording: Recording) -> HostReadback:
@@ -57,7 +105,17 @@ def read_host_readback(path: Path, recording: Recording) -> HostReadback:
         )
     if kept is not None:
         quality = AngleQuality(*(one[kept] for one in quality))
-    return HostReadback(quality, _findings(group.attributes))
+    interruptions = _read_interruptions(group.attributes.get(INTERRUPTIONS))
+    return HostReadback(quality, _findings(group.attributes), interruptions)
+
+
+def _read_interruptions(text: object) -> tuple[Interruption, ...]:
+    """Return the interruptions that a host wrote; none where the text says nothing of the kind."""
+    try:
+        found: Any = json.loads(str(text))
+        return tuple(Interruption(float(a), float(b), str(why)) for a, b, why in found)
+    except (ValueError, TypeError):
+        return ()
 
 
 def _findings(attributes: dict[str, object]) -> tuple[Finding, ...]:

@@ -9,7 +9,13 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.host_readback import read_host_readback
+from inercal.benches.turntable.reading.host_readback import (
+    HostReadback,
+    Interruption,
+    are_interrupted,
+    describe_interruptions,
+    read_host_readback,
+)
 from inercal.benches.turntable.reading.readback_clock import (
     MAX_CLOCK_OFFSET,
     ClockAlignment,
@@ -19,8 +25,9 @@ from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.data import Source
 from inercal.data.recording_loader import file_reader_options, readback_fields, readback_units
 from inercal.errors import InputError
+from inercal.io.audit import gap_findings
 from inercal.io.read import Columns, read_readback
-from inercal.recording import AngleQuality, Recording
+from inercal.recording import AngleQuality, Finding, Recording
 from inercal.section_settings import si_value
 from inercal.units import Measured, format_quantity
 
@@ -47,18 +54,21 @@ class RecordingWithAngles:
         Of the table's clock against the recording's; None where both are one clock.
     quality : AngleQuality or None
         Uncertainty of the angles at each sample, where a bench host interpolated its readings.
+    interruptions : tuple of Interruption
+        Of the run, where a bench host stated them.
     """
 
     recording: Recording
     bench: Turntable
     clock: ClockAlignment | None = None
     quality: AngleQuality | None = None
+    interruptions: tuple[Interruption, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The estimate of the table's clock, in plain words."""
+        """Interruptions and the estimate of the table's clock, in plain words."""
         if (clock := self.clock) is None:
-            return ()
+            return tuple(filter(None, [describe_interruptions(self.interruptions)]))
         size = replace(clock, offset=abs(clock.offset), drift=abs(clock.drift))
         offset, drift = describe_clock(size).values()
         where = "ahead of" if clock.offset > 0 else "behind"
@@ -97,9 +107,11 @@ def add_table_angles(
             counted = {name: recording.readback[name] * sizes[name] for name in bench.names}
             counted[HOLD_COLUMN] = recording.readback[HOLD_COLUMN]
             host = read_host_readback(run.file(run.data.file), recording)
-            findings = (*recording.findings, *host.findings)
+            findings = (*_without_interruptions(recording, host), *host.findings)
             complete = replace(recording, readback=counted, findings=findings)
-            return RecordingWithAngles(complete, bench, quality=host.quality)
+            return RecordingWithAngles(
+                complete, bench, quality=host.quality, interruptions=host.interruptions
+            )
         unwrapped = _unwrap_angles(recording.readback, bench, sizes)
         return RecordingWithAngles(replace(recording, readback=unwrapped), bench)
     table = _read_table_file(run, recording.origin)
@@ -125,6 +137,16 @@ def add_table_angles(
     readback = dict(zip(bench.names, clock.angles.T, strict=True))
     result = replace(recording, readback=readback, findings=(*recording.findings, *findings))
     return RecordingWithAngles(result, remaining, clock)
+
+
+def _without_interruptions(recording: Recording, host: HostReadback) -> tuple[Finding, ...]:
+    """Return the findings of a recording without the gaps of interruptions."""
+    if not host.interruptions:
+        return recording.findings
+    ends = recording.time[recording.gaps]
+    left = recording.gaps[~are_interrupted(ends[:, 0], ends[:, 1], host.interruptions)]
+    others = [finding for finding in recording.findings if finding.what != "gap"]
+    return (*others, *gap_findings(recording, left))
 
 
 def _read_table_file(run: Source[TurntableData], origin: Fraction | None) -> Recording:

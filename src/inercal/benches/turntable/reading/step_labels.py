@@ -4,7 +4,7 @@ The labels are those of the recording, else those of the plan, else numbers in o
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from math import pi, radians
 
@@ -85,7 +85,10 @@ def _steps_match(done: TableStep, planned: TableStep) -> bool:
 
 
 def compare_with_plan(
-    steps: Sequence[TableStep], own: Sequence[str] | None, run: Source[TurntableData]
+    steps: Sequence[TableStep],
+    own: Sequence[str] | None,
+    run: Source[TurntableData],
+    repeated: Container[str] = (),
 ) -> tuple[Finding, ...]:
     """Return warnings of missing steps, and of labels that are blank or of another step.
 
@@ -97,13 +100,15 @@ def compare_with_plan(
         The recording's label of each; "" is none.
     run : Source
         Without a path in [method] nothing is compared.
+    repeated : container of str
+        Labels of steps that the recording has without a label because they were repeated.
     """
     plan = _planned_steps(run) if run.has_plan_keys else None
     if plan is None:
         return ()
     labels = [name.strip() for name in own] if own is not None else []
     if any(labels):
-        return _compare_labels(steps, labels, plan)
+        return _compare_labels(steps, labels, plan, repeated)
     planned = _merge_positions(plan)
     missing = list(planned)
     for step in steps:
@@ -116,7 +121,10 @@ def compare_with_plan(
 
 
 def _compare_labels(
-    steps: Sequence[TableStep], labels: Sequence[str], plan: Sequence[TableStep]
+    steps: Sequence[TableStep],
+    labels: Sequence[str],
+    plan: Sequence[TableStep],
+    repeated: Container[str],
 ) -> tuple[Finding, ...]:
     planned = {step.label: step for step in plan}
     known = [name for name in labels if name in planned]
@@ -127,7 +135,8 @@ def _compare_labels(
         if name in planned and not _steps_match(step, planned[name]):
             text = f"{name}: the recording has {step.describe()}, the plan has "
             texts.append(f"{text}{planned[name].describe()}; check the labels".replace("-", "−"))
-    blank = [step.label for step, name in zip(steps, labels, strict=True) if not name]
+    without = [step.label for step, name in zip(steps, labels, strict=True) if not name]
+    blank = [name for name in without if name not in repeated]
     unknown = [name for name in dict.fromkeys(labels) if name and name not in planned]
     for names, words in ((blank, "without a label"), (unknown, "with a label that the path lacks")):
         if names:

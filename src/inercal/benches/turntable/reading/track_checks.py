@@ -5,6 +5,7 @@ the gyros, and the direction of gravity against that of the accelerometers. A so
 scale factors within 5 %, misalignments of 5°, biases of 1 °/s and 100 mg.
 """
 
+from collections.abc import Sequence
 from math import degrees, pi, radians
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from inercal.benches.turntable.reading.exchange_fits import (
     identity_permutation,
     moments,
 )
+from inercal.benches.turntable.reading.host_readback import Interruption, are_interrupted
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS as WITHOUT
 from inercal.errors import InputError
 from inercal.recording import GAP_FACTOR, Finding, Track
@@ -50,7 +52,12 @@ class ColumnNames(NamedTuple):
 
 
 def check_track(
-    where: str, track: Track, sensor: Sensor, bench: Turntable, columns: ColumnNames | None = None
+    where: str,
+    track: Track,
+    sensor: Sensor,
+    bench: Turntable,
+    columns: ColumnNames | None = None,
+    interruptions: Sequence[Interruption] = (),
 ) -> tuple[Finding, ...]:
     """Return the findings of a track: gaps, too few attitudes or turns.
 
@@ -65,6 +72,8 @@ def check_track(
     bench : Turntable
     columns : ColumnNames, optional
         For messages; without them the names of the sensor's and the table's axes.
+    interruptions : sequence of Interruption
+        Of the run: what is missing there is no fault of the recording.
 
     Raises
     ------
@@ -85,7 +94,7 @@ def check_track(
         _require_rate_ratio(where, result.subsample(), sensor, bench, columns)
         _require_axes(where, result.subsample(), sensor, bench, columns)
         few = few or (*_attitude_findings(one, bench), *_turn_findings(result, bench))
-    return (*_gap_findings(track.time), *odd, *few)
+    return (*_gap_findings(track.time, interruptions), *odd, *few)
 
 
 def _rate_beyond_bias(made: BlockMeans) -> Array:
@@ -301,11 +310,12 @@ def _turn_findings(made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
     return (Finding("warning", "turns", f"{text}; the gyros' scales need 360° or more about each"),)
 
 
-def _gap_findings(time: Array) -> tuple[Finding, ...]:
+def _gap_findings(time: Array, interruptions: Sequence[Interruption]) -> tuple[Finding, ...]:
     """Note gaps, and warn of each gap that is too long for the filters to predict the attitude."""
     steps = np.diff(time)
     usual = float(np.median(steps))
     at = np.flatnonzero(steps > GAP_FACTOR * usual)
+    at = at[~are_interrupted(time[at], time[at + 1], interruptions)]
     lost = steps[at] - usual
     long = [k for k in range(at.size) if steps[at[k]] > WITHOUT]
     found: list[Finding] = []

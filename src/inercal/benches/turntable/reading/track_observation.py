@@ -12,6 +12,7 @@ from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
+from inercal.benches.turntable.reading.host_readback import Interruption
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
     add_table_angles,
@@ -116,7 +117,7 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     findings = (
         *recording.findings,
         *spike_findings(recording, run.sensor),
-        *_check_track(run, track.with_known_angles, bench),
+        *_check_track(run, track.with_known_angles, bench, read.interruptions),
     )
     turns = find_turns(recording.time, angles, recording.labels)
     if HOLD_COLUMN in recording.readback and recording.labels is not None:
@@ -128,7 +129,8 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     marks, steps, own = _build_steps(
         run, recording, angles, select_long_holds(recording.time, holds), turns
     )
-    findings += compare_with_plan(steps, own, run)
+    repeated = _repeated_steps(recording.time, marks, own, read.interruptions)
+    findings += compare_with_plan(steps, own, run, repeated)
     observations = averaged(recording, run.sensor, marks, steps, found=True)
     return EstimatorInput(
         recording,
@@ -144,7 +146,12 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
 
 
 def _check_track(
-    run: Source[TurntableData], track: Track, bench: Turntable, *, alike: bool = True
+    run: Source[TurntableData],
+    track: Track,
+    bench: Turntable,
+    interruptions: Sequence[Interruption] = (),
+    *,
+    alike: bool = True,
 ) -> tuple[Finding, ...]:
     """Return the findings of the checks of a track, before filters follow it.
 
@@ -167,7 +174,7 @@ def _check_track(
         require_turning(where, track, run.sensor, columns.readback)
     repeated = repeated_readback_finding(track)
     return (
-        *check_track(where, track, run.sensor, bench, columns),
+        *check_track(where, track, run.sensor, bench, columns, interruptions),
         *check_earth_rate(where, track, run.sensor, bench),
         *(dropped_sample_findings(track, run.sensor, bench) if repeated is None else (repeated,)),
     )
@@ -292,6 +299,28 @@ def _build_steps(
         for (start, stop, _), step in zip(sections, steps, strict=True)
     )
     return marks, steps, own
+
+
+def _repeated_steps(
+    time: Array,
+    marks: Sequence[Mark],
+    own: Sequence[str] | None,
+    interruptions: Sequence[Interruption],
+) -> frozenset[str]:
+    """Return the labels of steps that an interruption ended, and of moves until they were repeated.
+
+    The host gave them no label of their own: they lie between two steps that have one.
+    """
+    blank = [not name.strip() for name in own or ()]
+    repeated: set[str] = set()
+    for k in np.flatnonzero(blank).tolist():
+        before = max((j for j in range(k) if not blank[j]), default=None)
+        after = min((j for j in range(k, len(blank)) if not blank[j]), default=None)
+        start = -np.inf if before is None else time[marks[before].stop - 1]
+        stop = np.inf if after is None else time[marks[after].start]
+        if any(one.start <= stop and one.stop >= start for one in interruptions):
+            repeated.add(marks[k].label)
+    return frozenset(repeated)
 
 
 def _conditions(read: RecordingWithAngles, steps: Sequence[TableStep]) -> dict[str, str]:

@@ -1,0 +1,296 @@
+"""Dates packets by their counter; arrivals only tell how often the counter has come round.
+
+Two bounds enclose the time of a packet. It follows the packet before it, which gives the smallest
+number of turns of the counter, and it was sent before it arrived. A host that was frozen reads
+packets long after they were sent, so the time of arrival alone dates nothing.
+
+Packets whose counter continues are dated at once. After a gap in the counter, an outage of the
+arrivals or a new session they wait, in parts without a gap, until one of these holds:
+
+1. With the smallest numbers of turns the newest packet is as young as one that has just arrived.
+   Then every part has these turns, because the sum of the smallest numbers allows no other.
+2. Other turns fit, and packets have come as fast as they are sent for 0.5 s, so that no backlog is
+   left. Then only these packets are dated; the turns of those before are not known.
+
+Where neither comes true the counter was reset or has jumped. A part is dropped where the packets
+before it continue behind it: the counter jumped and came back.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import ceil, floor, inf, isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+
+_MAX_OUTAGE = 1.0  # s between two arrivals beyond which more may have been lost than is seen
+_TURN_SHARE = 0.25  # of a turn of the counter, beyond which a step may be any number of turns
+_GAP, _GAP_PACKETS = 0.1, 5.0  # s, and packets, that are missing without a question
+_ARRIVAL_UNCERTAINTY, _DRIFT = 0.1, 2e-4  # s; and of the time since the clocks were compared last
+_SOUNDINGS = 10  # comparisons of the clocks, one each second, of which the least difference counts
+_NO_BACKLOG_TIME = 0.5  # s for which packets come as fast as they are sent
+_MAX_WAIT = 60.0  # s of arrivals for which undated packets are kept
+
+
+class PacketRows(NamedTuple):
+    """Packets, with what is wrong with each; 0 is nothing."""
+
+    ticks: Array  # (n,), counter or clock of the device
+    output: Array
+    temperature: Array
+    flaw: NDArray[np.int64]
+
+    def where(self, rows: "NDArray[np.bool_] | slice") -> "PacketRows":
+        """Return some of them."""
+        return self._make(column[rows] for column in self)
+
+    def join(self, *others: "PacketRows") -> "PacketRows":
+        """Return these and the others behind them."""
+        return self._make(map(np.concatenate, zip(self, *others, strict=True)))
+
+    def later_by(self, ticks: float) -> "PacketRows":
+        """Return the same packets with later times."""
+        return self._replace(ticks=self.ticks + ticks) if ticks else self
+
+
+@dataclass
+class _Part:
+    """Packets without a gap that wait for their date, and each arrival with its newest tick."""
+
+    pieces: list[PacketRows] = field(default_factory=list[PacketRows])
+    arrivals: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
+
+    def add(self, rows: PacketRows, arrival: float) -> None:
+        self.pieces.append(rows)
+        self.arrivals.append((arrival, self.last))
+
+    @property
+    def first(self) -> float:
+        return float(self.pieces[0].ticks[0])
+
+    @property
+    def last(self) -> float:
+        return float(self.pieces[-1].ticks[-1])
+
+    @property
+    def size(self) -> int:
+        return sum(one.ticks.size for one in self.pieces)
+
+
+class PacketDating:
+    """Dates the packets of one device.
+
+    Parameters
+    ----------
+    per_second : float
+        Ticks.
+    turn : float
+        Ticks after which the counter begins again at 0; infinite: never.
+    step : float
+        Ticks from packet to packet.
+
+    Attributes
+    ----------
+    dropped : int
+        Packets that could not be dated.
+    doubt_since : float or None
+        Arrival of the first packet that waits for its date, s; None while none waits.
+    behind : float
+        s by which the newest packet that waits is older than its arrival.
+    """
+
+    def __init__(self, per_second: float, turn: float, step: float):
+        self._per_second, self._turn = per_second, turn
+        share = _TURN_SHARE * turn
+        self._gap = min(max(_GAP * per_second, _GAP_PACKETS * step), share)
+        self._outage = min(_MAX_OUTAGE, share / per_second)
+        self._comparisons: deque[tuple[float, float]] = deque(maxlen=_SOUNDINGS)
+        self._last, self._last_arrival = -inf, -inf
+        self._turns = 0.0  # ticks that are added to the counter
+        self._parts: list[_Part] = []
+        self._doubts = self._after_outage = self._begins_part = False
+        self.dropped, self.behind = 0, 0.0
+        self.doubt_since: float | None = None
+
+    @property
+    def turn_seconds(self) -> float:
+        """Time after which the counter begins again, s."""
+        return self._turn / self._per_second
+
+    @property
+    def counts_turns(self) -> bool:
+        """By its arrival a packet tells how often the counter has come round meanwhile."""
+        return self.turn_seconds / 2 > self._tolerance(self._last_arrival)
+
+    def begin(self, arrival: float, difference: float, last: float) -> None:
+        """Date packets from now on: the least difference of arrival and device is known, s."""
+        self._comparisons.append((arrival, difference))
+        self._last, self._last_arrival = last, arrival
+
+    def begin_session(self) -> None:
+        """Expect a counter that may have come round any number of times."""
+        self._drop_parts()
+        self._doubts = self._after_outage = True
+        self._turns = 0.0
+
+    def follows_outage(self, arrival: float) -> bool:
+        """Tell whether so much time has passed since the last arrival that anything may be lost."""
+        return arrival - self._last_arrival > self._outage
+
+    def begin_arrival(self, arrival: float) -> None:
+        """Note that bytes arrive, which may not hold a whole packet yet."""
+        if self.follows_outage(arrival):
+            self._doubts = self._after_outage = self._begins_part = True
+
+    def needs_arrival(self, arrival: float) -> bool:
+        """Tell whether packets that arrive then are to be fed one arrival at a time.
+
+        This depends on the arrivals only: however they are fed, the packets have the same dates.
+        """
+        return self._doubts or self.follows_outage(arrival) or self._is_sounding(arrival)
+
+    def hear(self, arrival: float) -> None:
+        """Note that something has arrived."""
+        self._last_arrival = arrival
+
+    @property
+    def waiting_time(self) -> float:
+        """Time for which packets have come without a date, s."""
+        return 0.0 if self.doubt_since is None else self._last_arrival - self.doubt_since
+
+    def has_gap(self, ticks: Array, last: float) -> bool:
+        """Tell whether packets do not follow the one with tick `last`, or one another."""
+        return bool((np.abs(np.diff(ticks, prepend=last)) > self._gap).any())
+
+    def split(self, rows: PacketRows) -> list[PacketRows]:
+        """Return the pieces of packets that have no gap."""
+        gaps = np.flatnonzero(np.abs(np.diff(rows.ticks)) > self._gap) + 1
+        bounds = [0, *gaps.tolist(), rows.ticks.size]
+        return [rows.where(slice(*ends)) for ends in pairwise(bounds)]
+
+    def follows_dated(self, ticks: Array) -> bool:
+        """Tell whether packets follow the last dated one, and one another, without a gap."""
+        return not (self._doubts or self.has_gap(ticks, self._last - self._turns))
+
+    def date_next(self, rows: PacketRows) -> PacketRows:
+        """Return packets that continue, with their dates."""
+        dated = rows.later_by(self._turns)
+        self._last = float(dated.ticks[-1])
+        return dated
+
+    def date(self, rows: PacketRows, arrival: float) -> list[PacketRows]:
+        """Return what can be dated, now that packets have arrived together.
+
+        Parameters
+        ----------
+        rows : PacketRows
+            At least one, of one arrival.
+        arrival : float
+            s by the host's clock.
+        """
+        dated: list[PacketRows] = []
+        for piece in self.split(rows):
+            dated += self._place(piece, arrival)
+        if self._doubts:
+            self.doubt_since = arrival if self.doubt_since is None else self.doubt_since
+            dated += self._resolve(arrival)
+        elif self._is_sounding(arrival):
+            self._comparisons.append((arrival, arrival - self._last / self._per_second))
+        return dated
+
+    def _is_sounding(self, arrival: float) -> bool:
+        return floor(arrival) > self._last_arrival
+
+    def _tolerance(self, arrival: float) -> float:
+        """Return what the arrival of a packet without a backlog may be off by, s."""
+        return _ARRIVAL_UNCERTAINTY + _DRIFT * abs(arrival - self._comparisons[-1][0])
+
+    def _is_continued(self, last: float, rows: PacketRows) -> bool:
+        return abs(float(rows.ticks[0]) - last) <= self._gap
+
+    def _place(self, rows: PacketRows, arrival: float) -> list[PacketRows]:
+        """Put packets without a gap to a part, or date them where they continue what is dated."""
+        parts, dated = self._parts, self._last - self._turns
+        if not self._doubts and self._is_continued(dated, rows):
+            return [self.date_next(rows)]
+        begins, self._begins_part = self._begins_part, False
+        if parts and not begins and self._is_continued(parts[-1].last, rows):
+            parts[-1].add(rows, arrival)
+            return []
+        before = parts[-2].last if len(parts) > 1 else dated
+        if parts and not begins and self._is_continued(before, rows):
+            # The counter jumped and has come back.
+            self.dropped += parts.pop().size
+            if parts:
+                parts[-1].add(rows, arrival)
+                return []
+            if not self._after_outage:
+                self._end_doubt()
+                return [self.date_next(rows)]
+        self._doubts = True
+        parts.append(_Part())
+        parts[-1].add(rows, arrival)
+        return []
+
+    def _resolve(self, arrival: float) -> list[PacketRows]:
+        """Return the packets that wait, where their dates are known now."""
+        if not self._parts:
+            return []
+        least = min(difference for _, difference in self._comparisons)
+        tolerance = self._tolerance(arrival)
+        turns, last, each, in_order = self._turns, self._last, list[float](), True
+        for part in self._parts:
+            if isfinite(self._turn):
+                turns = self._turn * ceil((last - self._gap - part.first) / self._turn)
+            in_order &= part.first + turns >= last - self._gap
+            each.append(turns)
+            last = part.last + turns
+        behind = self.behind = arrival - least - last / self._per_second
+        more = round(behind / self.turn_seconds)
+        if more and self.turn_seconds / 2 <= tolerance:
+            return self._give_up(arrival)
+        further = more * self._turn if more else 0.0
+        if abs(behind - further / self._per_second) > tolerance:
+            return self._give_up(arrival)
+        if in_order and not more:
+            pairs = zip(self._parts, each, strict=True)
+            dated = [rows.later_by(its) for part, its in pairs for rows in part.pieces]
+        else:
+            turns += further
+            start = self._first_fresh(self._parts[-1], arrival)
+            waited = arrival - self._parts[-1].arrivals[start][0]
+            if last + further < self._last - self._gap or waited < _NO_BACKLOG_TIME:
+                return self._give_up(arrival)
+            dated = [rows.later_by(turns) for rows in self._parts[-1].pieces[start:]]
+        self.dropped += sum(one.size for one in self._parts) - sum(d.ticks.size for d in dated)
+        self._parts.clear()
+        self._end_doubt()
+        self._turns, self._last = turns, float(dated[-1].ticks[-1])
+        self._comparisons.clear()
+        self._comparisons.append((arrival, arrival - self._last / self._per_second))
+        return dated
+
+    def _first_fresh(self, part: _Part, arrival: float) -> int:
+        """Return the first arrival of a part that is as young as its last one, at `arrival`."""
+        youngest = arrival - part.last / self._per_second + _ARRIVAL_UNCERTAINTY
+        ages = (heard - tick / self._per_second for heard, tick in part.arrivals)
+        return next(k for k, one in enumerate(ages) if one <= youngest)
+
+    def _give_up(self, arrival: float) -> list[PacketRows]:
+        """Let go of packets that have waited too long; return nothing."""
+        first, _ = self._parts[0].arrivals[0]
+        if arrival - first > _MAX_WAIT:
+            self._drop_parts()
+        return []
+
+    def _end_doubt(self) -> None:
+        self._doubts = self._after_outage = False
+        self.doubt_since, self.behind = None, 0.0
+
+    def _drop_parts(self) -> None:
+        self.dropped += sum(one.size for one in self._parts)
+        self._parts.clear()

@@ -1,0 +1,61 @@
+"""Checks before anything moves whether the method would accept what a run of a plan leaves."""
+
+from dataclasses import replace
+
+from inercal.benches.turntable import is_turntable
+from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, settling_time
+from inercal.design.turntable_path import turntable_path_sheet
+from inercal.errors import InputError, NotObserved
+from inercal.plan import Position
+from inercal.runfile import Run
+
+_REST_KEY = "hold"  # of the refusal of a first rest that is too short
+
+
+def check_plan(run: Run) -> tuple[str, ...]:
+    """Return warnings about a plan that a host is to carry out.
+
+    The method processes the path as an ideal sensor on an ideal table would record it. It may
+    refuse this for a reason that a recording has not, such as a coefficient of temperature: that
+    says nothing about the plan.
+
+    Parameters
+    ----------
+    run : Run
+
+    Raises
+    ------
+    InputError
+        The method would refuse the recording, because its first rest is too short.
+    """
+    if not is_turntable(run.bench):
+        return ()
+    first = next((step for step in run.steps if isinstance(step, Position)), None)
+    left_out = 2 * settling_time(run.bench)  # by the host, at both ends of a rest
+    checked = run
+    if first is not None and first.seconds > left_out:
+        shorter = replace(first, seconds=first.seconds - left_out)
+        steps = tuple(shorter if step is first else step for step in run.steps)
+        checked = replace(run, plan=lambda: steps)
+    try:
+        sheet = turntable_path_sheet(checked)
+    except NotObserved as error:
+        return (f"the plan does not determine all coefficients: {error}",)
+    except InputError as error:
+        if error.key != _REST_KEY:
+            return ()
+        rest = "no rest" if first is None else f"{first.label}, a rest of {first.seconds:g} s"
+        raise InputError(
+            f"{run.path}: the first rest of the plan is {rest}, but the method takes the first "
+            f"values of the biases from {COARSE_REST_SECONDS:g} s of rest: begin with a rest of "
+            "this length or longer",
+            file=run.path,
+            key="[method] path",
+            names=() if first is None else (first.label,),
+        ) from None
+    except Exception:
+        # A method may be another package's: what it cannot do with an ideal path ends no run.
+        return ()
+    undecided = "; ".join(sheet.undecided)
+    lacking = f"the plan does not determine all coefficients: {undecided}" if undecided else ""
+    return tuple(filter(None, (lacking, *sheet.warnings)))
