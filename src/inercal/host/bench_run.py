@@ -49,6 +49,7 @@ from inercal.host.run_log import IMU, TABLE
 from inercal.host.sequencer import Sequencer
 from inercal.host.spin_sequencer import SpinSequencer
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
+from inercal.host.table_lock import TableLock
 from inercal.host.table_state_codec import pack_state
 from inercal.host.task_sequencer import Command
 from inercal.host.tasks import HostPlan, SpinTask, TurnTask, host_plan
@@ -90,7 +91,8 @@ class BenchRun:
     Raises
     ------
     InputError
-        A bench that no host drives, an address that is none, a log that is damaged.
+        A bench that no host drives, an address that is none, a log that is damaged, or a table that
+        another program commands.
     LinkLost
         Nobody is there.
     """
@@ -125,6 +127,8 @@ class BenchRun:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
             # What was sensed before was checked by the host of then, and may be mended since.
             self._checked_from = self.recorder.assembly.last_reading_time
+            # Before the table hears anything: another run may be commanding it.
+            opened.enter_context(TableLock(addresses.table, f"run {folder.path.resolve()}"))
             # A simulated table may wait for a machine that is busy.
             timeout = _SIMULATED_READ_TIMEOUT if addresses.clock else READ_TIMEOUT
             self._table = opened.enter_context(open_table(addresses.table, bench, timeout))
@@ -210,6 +214,7 @@ class BenchRun:
                 self._clock.begin(self._next)
                 # The watchdog of a host that was killed may be stopping the table still.
                 self._wait_for_rest()
+                self._require_idle_table()
                 # A device that has set its clock anew is reported before anything moves.
                 self._process_pending()
                 self._begin_checks()
@@ -295,6 +300,9 @@ class BenchRun:
         if self.sequencer.is_over or self._before_start:
             return
         words = self._interlocks.check(state, self.time, temperature=self.recorder.temperature)
+        words = words or self._table_driver.check_commanded(
+            state, hands_on=self.mounting_request is not None
+        )
         self._last_checks.record("table", self.time)
         if words is not None:
             self._interruptions.end(words)
@@ -335,6 +343,23 @@ class BenchRun:
         until, after = self.time + slowest + _GRACE, self.time + _RECORDING_TAIL
         while self.time < until and not (self._table_driver.at_rest and self.time > after):
             self._tick()
+
+    def _require_idle_table(self) -> None:
+        """Refuse a table that turns before the run has commanded anything.
+
+        Raises
+        ------
+        TableFault
+            Its servo turns an axis.
+        """
+        state = None if self._table_driver.at_rest else self.state
+        for name, axis in zip(self.axes, state.axes if state is not None else (), strict=False):
+            if axis.enabled and axis.moving:
+                raise TableFault(
+                    f"axis {name} turns at {degrees(axis.rate):.3g} °/s before this run has "
+                    "commanded anything: another program commands the table; end it first",
+                    names=(name,),
+                )
 
     def _check_rest_with_gyros(self) -> None:
         """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
