@@ -43,6 +43,7 @@ from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
 from inercal.host.mounting_prompt import MountingPrompt, MountingRequest
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
+from inercal.host.readback_warnings import ReadbackWarnings
 from inercal.host.recorder import PIECE_MAX, LogEnd, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
@@ -135,6 +136,7 @@ class BenchRun:
             self._clock, self._last_checks = self._open_clock(addresses)
             opened.callback(self._clock.close)
             self._interlocks = self._create_interlocks()
+            self._readback_warnings = ReadbackWarnings(bench, self.sensor)
             self._plausibility = (
                 RatePlausibility(bench.axis_motion_limits)
                 if plan.spins
@@ -228,6 +230,10 @@ class BenchRun:
             except InercalError as error:
                 self._interruptions.end(str(error))
         self._process_pending()
+        for warning in self._readback_warnings.finish(
+            self.recorder.assembly.recording_start or 0.0
+        ):
+            self._say("warning", warning)
         self._end_time = monotonic()
         done = self.sequencer.phase == "done" and not self.trouble
         self._journal.set_state("carried out" if done else "interrupted")
@@ -394,10 +400,13 @@ class BenchRun:
             return
         if block.starts_recording:
             self._interlocks = self._create_interlocks()
+            self._readback_warnings.restart()
         old = int(np.searchsorted(block.table, self._checked_from, "right"))
-        words = self._interlocks.check_gyros(
-            block.track.slice(old, block.table.size).with_known_angles
-        )
+        fresh = block.track.slice(old, block.table.size).with_known_angles
+        words = self._interlocks.check_gyros(fresh)
+        begin = self.recorder.assembly.recording_start or 0.0
+        for warning in self._readback_warnings.feed(fresh, begin):
+            self._say("warning", warning)
         self._last_checks.record("gyros", self.time)
         if words is not None and not self._gyros_disagree:
             self._gyros_disagree = True

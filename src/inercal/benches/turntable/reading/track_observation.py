@@ -12,6 +12,7 @@ from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
+from inercal.benches.turntable.reading.gyro_comparison import gyro_comparison_findings
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
     add_table_angles,
@@ -59,6 +60,7 @@ from inercal.segments import (
 from inercal.segments import (
     observe as averaged,
 )
+from inercal.sensors import Sensor
 from inercal.units import format_quantity
 
 Indices = NDArray[np.int64]
@@ -169,8 +171,14 @@ def _check_track(
     return (
         *check_track(where, track, run.sensor, bench, columns),
         *check_earth_rate(where, track, run.sensor, bench),
-        *(dropped_sample_findings(track, run.sensor, bench) if repeated is None else (repeated,)),
+        *(_motion_findings(track, run.sensor, bench) if repeated is None else (repeated,)),
     )
+
+
+def _motion_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
+    """Return what readback and gyros show of lost samples, or else of a wrong readback."""
+    lost = dropped_sample_findings(track, sensor, bench)
+    return lost or gyro_comparison_findings(track, sensor, bench)
 
 
 def _require_complete_first_rest(
