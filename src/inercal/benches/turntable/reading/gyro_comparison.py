@@ -1,39 +1,42 @@
 """Compares a table's readback with the gyros over each window of ten seconds, turning or at rest.
 
 The increments of a window, from knot to knot each 0.05 s, are those of the gyros' integrated
-readings g, and of the readback turned into the body's rotation v (which holds the earth's rate)::
+readings g, and of the readback turned into the body's rotation v (which includes the earth's
+rate). With ω = v/Δt, u the upward direction in the body, θ the axes' angles::
 
-    g − v = δA v + b Δt + τ Δv̇ + κ Δv̈ + noise
+    g − v = δA v + (b + G u + p |ω| + q ω² + c ω³) Δt + τ Δv̇ + κ Δv̈ + harmonics of θ + noise
 
-with δA scale factors and misalignments, b biases, τ the delay of the readback against the gyros and
-κ their lag of second order; each gyro has its own. Before the first turn δA is within 5 % and τ
-within the stated latency and 20 ms; every window that passes narrows them for the next, so that a
-turn is compared with all those before it. Biases may wander by 0.002 °/s and the stated
-instability, τ by the stated rate of the readback's clock. The noise is that of the gyros (as
-stated, or as the window shows it where that is more) and of the readback; where an interpolated
-readback nearly stands, its angle is within 10″.
+where δA are scale factors and misalignments, b biases, G the gyros' sensitivity to acceleration, p,
+q and c nonlinearities, τ the delay of the readback against the gyros and κ their lag of second
+order; each gyro has its own. They begin with the standard deviations below, and every window that
+passes narrows them for the next, so that a turn is compared with all those before it. Biases may
+wander by 0.002 °/s and the stated instability, τ by the stated rate of the readback's clock. The
+noise is that of the gyros (as stated, or as the window shows it where that is more) and of the
+readback; where an interpolated readback nearly stands, its angle is within 10″.
 
 With W the inverse covariance of g − v by all of that, a fault of signature s has the significance
 sᵀ W r / √(sᵀ W s). Signatures are, axis by axis, a step at a knot, a drift from a knot on, and a
 delay; noise of the readback is known by neighbouring increments, which it correlates by −½.
 """
 
-from dataclasses import dataclass
-from math import degrees, hypot, inf, radians, sqrt
+from math import degrees, hypot, radians, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import body_rates
 from inercal.benches.turntable.bench import Turntable
-from inercal.recording import GAP_FACTOR, Finding, Track, join_tracks
+from inercal.benches.turntable.reading.readback_increments import (
+    Increments,
+    KnotSpacing,
+    find_increments,
+)
+from inercal.recording import Finding, Track, join_tracks
 from inercal.sensors import Sensor
 
 Kind = Literal["step", "drift", "delay", "noise"]
-_KNOT, _WINDOW = 0.05, 10.0  # s
-_HALF = 0.02  # s, half of the span of a rate
+_WINDOW = 10.0  # s
 _FEWEST = 20  # knots
 # Standard deviations: a run has thousands of places for a step, and one noise in each window.
 _SIGNIFICANT: dict[Kind, float] = {"step": 6.0, "drift": 6.0, "delay": 6.0, "noise": 4.5}
@@ -41,18 +44,17 @@ _SIGNIFICANT: dict[Kind, float] = {"step": 6.0, "drift": 6.0, "delay": 6.0, "noi
 _LEAST: dict[Kind, float] = {"step": radians(10 / 3600), "drift": radians(0.03), "delay": 3e-4,
                              "noise": radians(2 / 3600)}  # fmt: skip
 _NOISE_FACTOR = 3.0  # times the stated noise of the readback
-_SCALE, _BIAS = 0.05, radians(1)  # standard deviations of δA and b before the first window
+# Standard deviations before the first window: δA, b in rad/s, G in rad/s per g, and p, q and c in
+# powers of rad/s.
+_SCALE, _BIAS, _SENSITIVITY, _NONLINEARITY = 0.05, radians(1), radians(0.2), (2e-3, 5e-3, 5e-3)
+_SMALL = radians(5 / 3600)  # rad, of harmonics that make no difference
 _ARRIVAL = 0.02  # s, by which arrival ties the clocks of readback and gyros
 _LAG = 1e-4  # s², standard deviation of κ
 _TIMING = 5e-4  # s, by which single readings are early or late while the rate changes
 _BIAS_WANDER = radians(0.002)  # rad/s from window to window
 _DELAY_WANDER = 5e-5  # s
-_NEAR = 3  # knots beside an acceleration that belong to it
-_NOISY = 12.0  # times the noise of a reading over the span: six standard deviations of a change
-_SETTLED, _SLOW = radians(10 / 3600), radians(0.5)  # rad, rad/s: an interpolated angle that stands
+_SETTLED = radians(10 / 3600)  # rad, within which an interpolated angle stands
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute deviation
-_DUST = 1e-9  # rad, of steps that are rounding
-_COARSEST = radians(0.2)  # rad, of a readback's resolution
 
 
 class ReadbackDifference(NamedTuple):
@@ -100,24 +102,6 @@ class ReadbackDifference(NamedTuple):
         )
 
 
-@dataclass(frozen=True)
-class _Knots:
-    """Increments between n + 1 knots."""
-
-    time: Array  # (n + 1,) s
-    gyro: Array  # (n, g) rad, readings integrated
-    table: Array  # (n, g) rad, what ideal gyros would have integrated
-    body: Array  # (n, 3) rad, the same in the body
-    rate: Array  # (n, g) rad/s, change of the rate by the readback
-    acceleration: Array  # (n, g) rad/s²
-    variance: Array  # (n + 1,) rad², of the readback
-    slow: NDArray[np.bool_]  # (n,)
-    axes: Array  # (n, k, g) rad/rad, what a gyro has of each axis' turn
-    usable: NDArray[np.bool_]  # (n,) without a gap
-    resolution: float  # rad
-    step: float  # s between samples
-
-
 class GyroComparison:
     """The comparison along one track, in the order of its samples.
 
@@ -138,13 +122,17 @@ class GyroComparison:
         self._white = np.array([axis.noise.white for axis in gyros])
         wander = [hypot(axis.noise.bias_instability, _BIAS_WANDER) for axis in gyros]
         late = hypot(bench.latency.sd, _ARRIVAL)
-        sd = np.array([_SCALE, _SCALE, _SCALE, _BIAS, late, hypot(_LAG, late * delay)])
-        self._mean = [np.array([0.0, 0.0, 0.0, 0.0, delay, -(delay**2) / 2]) for _ in gyros]
+        # In the order of `readback_increments`.
+        own = [_BIAS, late, hypot(_LAG, late * delay)]
+        self._harmonics = [(h, of) for h, of in enumerate(bench.harmonics, start=1) if of > _SMALL]
+        waves = [of for _, of in self._harmonics for _ in range(2 * len(bench.axes))]
+        sd = np.array([*own, *3 * [_SCALE], *3 * [_SENSITIVITY], *_NONLINEARITY, *waves])
+        mean = np.zeros(sd.size)
+        mean[1:3] = delay, -(delay**2) / 2
+        self._mean = [mean for _ in gyros]
         self._covariance: list[Array] = [np.diag(sd**2) for _ in gyros]
-        self._wander = [
-            np.diag([0, 0, 0, one**2, (bench.clock * _WINDOW) ** 2 + _DELAY_WANDER**2, 0.0])
-            for one in wander
-        ]
+        late_wander = hypot(bench.clock * _WINDOW, _DELAY_WANDER)
+        self._wander = [np.diag([one**2, late_wander**2, *np.zeros(sd.size - 2)]) for one in wander]
         self._waiting: list[Track] = []
         self._step = 0.0  # s between samples; 0 before there are any
 
@@ -171,74 +159,29 @@ class GyroComparison:
         track = join_tracks(self._waiting) if len(self._waiting) > 1 else self._waiting[0]
         self._waiting = []
         found: list[ReadbackDifference] = []
-        start, first = 0, np.searchsorted(track.time, track.time[0] + _WINDOW)
-        if not self._step and track.time.size > 1:
-            self._step = float(np.median(np.diff(track.time[: max(int(first), 2)])))
-        step = self._step or 1.0
-        every, half = max(round(_KNOT / step), 1), max(round(_HALF / step), 1)
-        size, margin = max(round(_WINDOW / step / every), _FEWEST) * every, 2 * half
+        start, begin = 0, track.time[track.time <= track.time[0] + _WINDOW]
+        if not self._step and begin.size > 1:
+            self._step = float(np.median(np.diff(begin)))
+        spacing = KnotSpacing(self._step or 1.0)
+        every, margin = spacing.every, spacing.margin
+        size = max(round(_WINDOW / spacing.step / every), _FEWEST) * every
         while True:
             stop = start + size + 2 * margin + 1
             if stop > track.time.size:
                 if not last or track.time.size - start < 2 * margin + _FEWEST * every:
                     break
                 stop = track.time.size
-            found += self._compare_window(self._knots(track.slice(start, stop), every, half, step))
+            part = track.slice(start, stop)
+            orders = np.array([h for h, _ in self._harmonics], dtype=float)
+            found += self._compare_window(
+                find_increments(self._bench, part, self._columns, self._inputs, orders, spacing)
+            )
             start += size
         if not last and start < track.time.size:
             self._waiting = [track.slice(start, track.time.size)]
         return found
 
-    def _knots(self, track: Track, every: int, h: int, step: float) -> _Knots:
-        bench, time, angles = self._bench, track.time, track.angles
-        reading = track.reading[:, self._columns]
-        dt = np.diff(time)
-        turned = np.diff(angles, axis=0)
-        mean = body_rates(bench, (angles[1:] + angles[:-1]) / 2, turned / dt[:, None])
-        g = _integrals(dt, (reading[1:] + reading[:-1]) / 2)
-        v = _integrals(dt, mean)
-        at = np.arange(2 * h, time.size - 2 * h, every)
-        span = (time[at + h] - time[at - h])[:, None]
-        rate = (v[at + h] - v[at - h]) / span
-        acceleration = (v[at + 2 * h] - 2 * v[at] + v[at - 2 * h]) / span**2
-        # Where the table does not accelerate, these are noise that the increments have too.
-        faster, jerk = np.diff(rate, axis=0), np.diff(acceleration, axis=0)
-        accelerates = (np.abs(faster) > _NOISY * bench.white / span[1:]).any(axis=-1)
-        near = np.convolve(accelerates, np.ones(2 * _NEAR + 1), "same") > 0
-        faster[~near] = jerk[~near] = 0.0
-        lost = np.concatenate([[0], np.cumsum(dt > GAP_FACTOR * step)])
-        usable = lost[at[1:] + 2 * h] == lost[at[:-1] - 2 * h]
-        there = angles[at]
-        none = body_rates(bench, there, np.zeros_like(there))
-        units = np.eye(there.shape[1])
-        axes = np.stack(
-            [body_rates(bench, there, np.broadcast_to(one, there.shape)) - none for one in units],
-            axis=1,
-        )
-        variance, slow = track.angle_variance(bench.white**2)[at], np.zeros(at.size, np.bool_)
-        if track.angle_quality is not None:
-            # An angle that stands is that of the nearest reading, which may be used elsewhere.
-            variance = np.where(np.isfinite(variance), variance, bench.white**2)
-            slow = np.linalg.norm(rate, axis=-1) < _SLOW
-        sizes = np.abs(turned)
-        resolution = float(sizes[sizes > _DUST].min(initial=inf))
-        to_gyros = self._inputs.T
-        return _Knots(
-            time[at],
-            np.diff(g[at], axis=0),
-            np.diff(v[at], axis=0) @ to_gyros,
-            np.diff(v[at], axis=0),
-            faster @ to_gyros,
-            jerk @ to_gyros,
-            variance,
-            slow[1:] | slow[:-1],
-            (axes[1:] + axes[:-1]) / 2 @ to_gyros,
-            usable,
-            resolution if resolution < _COARSEST else 0.0,
-            step,
-        )
-
-    def _compare_window(self, knots: _Knots) -> list[ReadbackDifference]:
+    def _compare_window(self, knots: Increments) -> list[ReadbackDifference]:
         """Return what is found in one window, and learn from it where that is nothing."""
         used = np.flatnonzero(knots.usable)
         if used.size < _FEWEST:
@@ -247,9 +190,7 @@ class GyroComparison:
         weights, residuals, learned = list[Array](), list[Array](), list[tuple[Array, Array]]()
         noise = np.zeros((self._white.size, 2))  # −(lag-1 covariance), its sd
         for i, (mean, before) in enumerate(zip(self._mean, self._covariance, strict=True)):
-            columns = np.column_stack(
-                [knots.body[used], dt, knots.rate[used, i], knots.acceleration[used, i]]
-            )
+            columns = knots.columns[i, used]
             y = (knots.gyro - knots.table)[used, i]
             prior = before + self._wander[i]
             own = self._noise(knots, used, dt, y - columns @ mean, i)
@@ -259,7 +200,7 @@ class GyroComparison:
             after = mean + gain @ r, prior - gain @ columns @ prior
             left = y - columns @ after[0]
             product = left[1:] * left[:-1]
-            noise[i] = -np.mean(product), np.sqrt(np.mean(product**2) / used.size)
+            noise[i] = -np.mean(product), float(np.std(product)) / sqrt(used.size)
             weights.append(weight)
             residuals.append(r)
             learned.append((after[0], (after[1] + after[1].T) / 2))
@@ -274,7 +215,7 @@ class GyroComparison:
         return found
 
     def _noise(
-        self, knots: _Knots, used: NDArray[np.int64], dt: Array, residual: Array, i: int
+        self, knots: Increments, used: NDArray[np.int64], dt: Array, residual: Array, i: int
     ) -> Array:
         """Return the covariance of the increments of gyro i, (n, n) rad²."""
         share = np.sum(knots.axes[:, :, i] ** 2, axis=1)
@@ -297,7 +238,7 @@ class GyroComparison:
 
     def _steps_and_drifts(
         self,
-        knots: _Knots,
+        knots: Increments,
         used: NDArray[np.int64],
         weights: list[Array],
         residuals: list[Array],
@@ -338,7 +279,7 @@ class GyroComparison:
             keep("drift", axis, time[late], from_here[late], np.diagonal(both)[::-1][late])
         return [one for one in best.values() if _counts(one)]
 
-    def _noise_of_readback(self, knots: _Knots, noise: Array) -> list[ReadbackDifference]:
+    def _noise_of_readback(self, knots: Increments, noise: Array) -> list[ReadbackDifference]:
         """Return the readback's noise where it is more than stated."""
         scale = sqrt(float(np.sum(noise[:, 1] ** 2)))
         stated = max(self._bench.white, knots.resolution / sqrt(12))
@@ -388,7 +329,7 @@ def _counts(one: ReadbackDifference) -> bool:
 
 
 def _delay(
-    knots: _Knots, used: NDArray[np.int64], weights: list[Array], residuals: list[Array]
+    knots: Increments, used: NDArray[np.int64], weights: list[Array], residuals: list[Array]
 ) -> list[ReadbackDifference]:
     """Return a delay beyond that of the windows before, if there is one."""
     score = information = 0.0
@@ -403,9 +344,3 @@ def _delay(
         score / information, abs(score) / sqrt(information),
     )  # fmt: skip
     return [one] if _counts(one) else []
-
-
-def _integrals(dt: Array, rate: Array) -> Array:
-    """Return the integral of a rate (n, c) from the first sample to each, (n + 1, c)."""
-    whole = np.cumsum(dt[:, None] * rate, axis=0)
-    return np.concatenate([np.zeros((1, rate.shape[1])), whole])

@@ -131,7 +131,12 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
         run, recording, angles, select_long_holds(recording.time, holds), turns
     )
     findings += compare_with_plan(steps, own, run)
-    observations = averaged(recording, run.sensor, marks, steps, found=True)
+    try:
+        observations = averaged(recording, run.sensor, marks, steps, found=True)
+    except InputError as error:
+        # Turns fall apart where the readback is wrong: what it does is the cause.
+        causes = [one.message for one in findings if one.what == "readback"]
+        raise error.located(f"{run.path}: {'; '.join(causes)}") if causes else error from None
     return EstimatorInput(
         recording,
         marks,
