@@ -12,7 +12,7 @@ from tests.host.simulated_runs import carried_out, plan
 from tests.refusals import refused
 
 from inercal.errors import InputError
-from inercal.host import devices, table_lock
+from inercal.host import devices, run_log, table_lock
 from inercal.host.addresses import table_places
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.table_lock import TableLock
@@ -35,6 +35,7 @@ def own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "machine").chmod(0o1777)
     monkeypatch.setattr(table_lock, "_SHARED_FOLDERS", (str(tmp_path / "machine"),))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "user"))
+    monkeypatch.setattr(run_log, "_LOCK_TIMEOUT", 0.0)
 
 
 @pytest.mark.parametrize(
