@@ -4,6 +4,7 @@ Time passes only while the host sleeps, so that a test sees every servo cycle of
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
@@ -53,6 +54,7 @@ class ByHand:
         for module in _CLOCK_READERS:
             monkeypatch.setattr(module, "monotonic", self.bench.monotonic)
         monkeypatch.setattr(clock, "sleep", self._pass)
+        monkeypatch.setattr(session, "TableLock", lambda *_: nullcontext())
         monkeypatch.setattr(session, "Guard", lambda *_, **__: ReplacedGuard(self.bench))
         monkeypatch.setattr(session, "open_table", lambda *_: self.bench.table())
         monkeypatch.setattr(

@@ -6,7 +6,7 @@ takes seconds and every test of it sees the same bytes.
 """
 
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import numpy as np
 import pytest
@@ -127,6 +127,7 @@ class InProcessBench:
         monkeypatch.setattr(
             bench_run, "read_host_uptime", lambda: HostUptime(self.boot, 1000.0 + self.time)
         )
+        monkeypatch.setattr(bench_run, "TableLock", lambda *_: nullcontext())
         monkeypatch.setattr(bench_run, "Guard", lambda *_, **__: ReplacedGuard(self))
         monkeypatch.setattr(bench_run, "open_table", lambda *_: self.table())
         monkeypatch.setattr(bench_run, "open_imu", lambda _, now, *__, **___: Port(self, now))

@@ -12,8 +12,11 @@ All other parameters after `?` are those of the link.
 
 from __future__ import annotations
 
+import os
 import re
+import socket
 from collections.abc import Callable, Sequence
+from ipaddress import IPv6Address, ip_address
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import parse_qsl, urlencode, urlsplit
@@ -36,6 +39,7 @@ _TABLES = (
     "motor:serial:PATH?baud=9600"
 )
 _MOST_MOTORS = 32
+_PMAC_PORT = 1025
 
 
 class DeviceAddresses(NamedTuple):
@@ -78,6 +82,55 @@ def allows_second_connection(address: str) -> bool:
     """Tell whether two programs may be connected to the table at once: not over a serial port."""
     kind, at = _scheme(address)
     return not (kind == "motor" and at.startswith("serial:"))
+
+
+def table_places(address: str) -> tuple[str, ...]:
+    """Return where the address of a table leads, however it is written.
+
+    Two addresses lead to one controller where they have a place in common: a name and its number,
+    a port that is left out, the several names of this machine, links to a serial port. Which axes
+    an address names makes no difference. Nothing is opened.
+    """
+    scheme, _ = _scheme(address)
+    link = address.partition("?")[0]
+    if scheme == "motor":
+        link = link.partition(":")[2]
+    kind, at = _scheme(link)
+    if kind == "serial":
+        return (f"serial:{os.path.realpath(at)}",)
+    parts = urlsplit(link)
+    try:
+        host, port = parts.hostname, parts.port or (_PMAC_PORT if kind == "pmac" else None)
+    except ValueError:
+        host, port = None, None
+    if not host:
+        return (link,)
+    return tuple(f"{one}:{port}" for one in _resolve(host))
+
+
+def _resolve(host: str) -> tuple[str, ...]:
+    """Return the numbers of a host, in order, or its name where none are known."""
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        return (host,)
+    return tuple(sorted({_number_of_host(family, str(at[0])) for family, *_, at in found}))
+
+
+def _number_of_host(family: int, number: str) -> str:
+    """Return the number of a host; each of this machine's own is "localhost"."""
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((number, 0))
+        except OSError:
+            own = False
+        else:
+            own = True
+    if own:
+        return "localhost"
+    ip = ip_address(number.partition("%")[0])
+    mapped = ip.ipv4_mapped if isinstance(ip, IPv6Address) else None
+    return str(mapped or ip)
 
 
 def open_imu(
@@ -220,7 +273,7 @@ def _open_pmac(address: str, bench: ControlledBench | None, timeout: float) -> R
     motors = given.axis_numbers("motors", _MOST_MOTORS)
     names = _axis_names(address, "motors", motors, bench)
     counts = given.counts(len(motors))
-    where = given.tcp_address(1025)
+    where = given.tcp_address(_PMAC_PORT)
     axes = [PmacAxis(*axis) for axis in zip(names, motors, counts, strict=True)]
     return Pmac(where, axes, timeout)
 

@@ -44,12 +44,14 @@ from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
 from inercal.host.mounting_prompt import MountingPrompt, MountingRequest
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
+from inercal.host.readback_warnings import ReadbackWarnings
 from inercal.host.recorder import PIECE_MAX, LogEnd, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
 from inercal.host.sequencer import Sequencer
 from inercal.host.spin_sequencer import SpinSequencer
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
+from inercal.host.table_lock import TableLock
 from inercal.host.table_state_codec import pack_state
 from inercal.host.task_sequencer import Command
 from inercal.host.tasks import HostPlan, SpinTask, TurnTask, host_plan
@@ -92,7 +94,8 @@ class BenchRun:
     Raises
     ------
     InputError
-        A bench that no host drives, an address that is none, a log that is damaged.
+        A bench that no host drives, an address that is none, a log that is damaged, or a table that
+        another program commands.
     LinkLost
         Nobody is there.
     """
@@ -127,12 +130,15 @@ class BenchRun:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
             # What was sensed before was checked by the host of then, and may be mended since.
             self._checked_from = self.recorder.assembly.last_reading_time
+            # Before the table hears anything: another run may be commanding it.
+            opened.enter_context(TableLock(addresses.table, f"run {folder.path.resolve()}"))
             # A simulated table may wait for a machine that is busy.
             timeout = _SIMULATED_READ_TIMEOUT if addresses.clock else READ_TIMEOUT
             self._table = opened.enter_context(open_table(addresses.table, bench, timeout))
             self._clock, self._last_checks = self._open_clock(addresses)
             opened.callback(self._clock.close)
             self._interlocks = self._create_interlocks()
+            self._readback_warnings = ReadbackWarnings(bench, self.sensor)
             self._plausibility = (
                 RatePlausibility(bench.axis_motion_limits)
                 if plan.spins
@@ -223,6 +229,7 @@ class BenchRun:
                 self._clock.begin(self._next)
                 # The watchdog of a host that was killed may be stopping the table still.
                 self._wait_for_rest()
+                self._require_idle_table()
                 # A device that has set its clock anew is reported before anything moves.
                 self._wait_for_dates()
                 self._begin_checks()
@@ -236,6 +243,10 @@ class BenchRun:
             except InercalError as error:
                 self._interruptions.end(str(error))
         self._process_pending()
+        for warning in self._readback_warnings.finish(
+            self.recorder.assembly.recording_start or 0.0
+        ):
+            self._say("warning", warning)
         self._end_time = monotonic()
         done = self.sequencer.phase == "done" and not self.trouble
         self._journal.set_state("carried out" if done else "interrupted")
@@ -309,6 +320,9 @@ class BenchRun:
         if self.sequencer.is_over or self._before_start:
             return
         words = self._interlocks.check(state, self.time, temperature=self.recorder.temperature)
+        words = words or self._table_driver.check_commanded(
+            state, hands_on=self.mounting_request is not None
+        )
         self._last_checks.record("table", self.time)
         if words is not None:
             self._interruptions.end(words)
@@ -365,6 +379,23 @@ class BenchRun:
         if (words := self.recorder.assembly.imu_mismatch) is not None:
             self._interruptions.end(words)
 
+    def _require_idle_table(self) -> None:
+        """Refuse a table that turns before the run has commanded anything.
+
+        Raises
+        ------
+        TableFault
+            Its servo turns an axis.
+        """
+        state = None if self._table_driver.at_rest else self.state
+        for name, axis in zip(self.axes, state.axes if state is not None else (), strict=False):
+            if axis.enabled and axis.moving:
+                raise TableFault(
+                    f"axis {name} turns at {degrees(axis.rate):.3g} °/s before this run has "
+                    "commanded anything: another program commands the table; end it first",
+                    names=(name,),
+                )
+
     def _check_rest_with_gyros(self) -> None:
         """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
         self._process_pending()
@@ -401,10 +432,13 @@ class BenchRun:
             return
         if block.starts_recording:
             self._interlocks = self._create_interlocks()
+            self._readback_warnings.restart()
         old = int(np.searchsorted(block.table, self._checked_from, "right"))
-        words = self._interlocks.check_gyros(
-            block.track.slice(old, block.table.size).with_known_angles
-        )
+        fresh = block.track.slice(old, block.table.size).with_known_angles
+        words = self._interlocks.check_gyros(fresh)
+        begin = self.recorder.assembly.recording_start or 0.0
+        for warning in self._readback_warnings.feed(fresh, begin):
+            self._say("warning", warning)
         self._last_checks.record("gyros", self.time)
         if words is not None and not self._gyros_disagree:
             self._gyros_disagree = True

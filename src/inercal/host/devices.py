@@ -1,16 +1,22 @@
 """What is connected: ports, what an IMU sends, how a table's controller is set."""
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from time import monotonic
 
 import numpy as np
 
 from inercal.benches.motion_control import ControlledBench
-from inercal.host.addresses import layout_of_address, link_of_address, open_table
+from inercal.host.addresses import (
+    allows_second_connection,
+    layout_of_address,
+    link_of_address,
+    open_table,
+)
 from inercal.host.drivers.rotary_table import AxisLimits, ProtocolError, TableFault, TableState
 from inercal.host.link import LinkLost, open_link, require_pyserial
 from inercal.host.packets import PRESETS, Decoder, PacketCounts, PacketLayout, read_layout
+from inercal.host.table_lock import TableLock
 
 _LISTEN_TIME = 1.0  # s
 _MAX_BYTES = 1 << 16  # bytes at a time
@@ -124,9 +130,13 @@ def probe_table(
     Raises
     ------
     InputError, LinkLost, ProtocolError
-        As `inercal.host.addresses.open_table`.
+        As `inercal.host.addresses.open_table`; the table is on a serial port, and another program
+        commands it.
     """
-    with open_table(address, bench, timeout) as opened:
+    # Two readers of a serial port take the replies from one another.
+    shares = allows_second_connection(address)
+    lock = nullcontext() if shares else TableLock(address, "a query of the table")
+    with lock, open_table(address, bench, timeout) as opened:
         identity = ""
         with suppress(ProtocolError, TableFault):
             identity = opened.identity()

@@ -255,7 +255,8 @@ class RunRecorder(Closeable):
         if tally.implausible_polls != before[3]:
             result.append(
                 f"so far {tally.implausible_polls} readings of {tally.polls} of the table are left "
-                "out: they are no motion within its limits, such as of a wrong digit"
+                "out: they are no motion within its limits, such as a wrong digit, noise, an "
+                "offset that comes and goes, or a clock that jumps"
             )
         return result
 

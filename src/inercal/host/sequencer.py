@@ -93,7 +93,8 @@ class Sequencer(TaskSequencer[TurnTask]):
             if abs(axis.angle - angle) > _ARRIVAL_TOLERANCE:
                 raise self._fault(
                     f"axis {self._names[i]} is at rest at {degrees(axis.angle):.4f}° instead of "
-                    f"{degrees(angle):.4f}°: it was stopped from outside; check the table's panel",
+                    f"{degrees(angle):.4f}°: it was stopped from outside, at its panel or by "
+                    "another program",
                     i,
                 )
         return True
@@ -125,8 +126,9 @@ class Sequencer(TaskSequencer[TurnTask]):
             if doubted:
                 raise self._fault(
                     f"axis {self._names[i]} moved during the hold: it is at "
-                    f"{degrees(axis.angle):.4f}° instead of {degrees(angle):.4f}°; it was moved "
-                    "from outside; keep people and panels from the table",
+                    f"{degrees(axis.angle):.4f}° instead of {degrees(angle):.4f}°; another program "
+                    "commands the table, it was moved from outside, or its encoder drifts; end that "
+                    "program, and keep people and panels from the table",
                     i,
                 )
         return self._motion_suspected

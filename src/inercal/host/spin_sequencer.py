@@ -140,7 +140,8 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         if doubted and self._motion_suspected:
             raise self._fault(
                 f"axis {self._names[0]} turns at {axis.rate * 30 / pi:.4g} r/min instead of "
-                f"{task.rate * 30 / pi:.4g} r/min",
+                f"{task.rate * 30 / pi:.4g} r/min: its drive does not hold the rate, or another "
+                "program commands the table",
                 0,
             )
 

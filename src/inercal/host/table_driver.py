@@ -10,6 +10,7 @@ from select import select
 from time import monotonic
 from typing import Literal
 
+from inercal.host.commanded_motion import CommandedMotion
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
     ProtocolError,
@@ -73,6 +74,7 @@ class TableDriver:
         self._commanded, self._failed_readings = False, 0
         self._shortest_round_trip = inf
         self._servos_off = False
+        self._commanded_motion = CommandedMotion(table.axes)
         self._last_reading, self._stopped_blind, self._may_turn = monotonic(), False, False
 
     def read(self) -> tuple[float, TableState] | None:
@@ -150,6 +152,7 @@ class TableDriver:
         self._may_turn |= self._commanded
         self.at_rest = self.at_rest and not commands
         for command in commands:
+            self._commanded_motion.record(command)
             match command:
                 case EnableCommand(axis):
                     self._table.enable(self._name(axis))
@@ -163,6 +166,13 @@ class TableDriver:
                     self._table.spin(self._table.axes[axis], rate, acceleration)
                 case _:
                     self._table.stop()
+
+    def check_commanded(self, state: TableState, *, hands_on: bool = False) -> str | None:
+        """Return in words which motion of a plausible reading nobody here has commanded, if any.
+
+        `hands_on` says that an operator works at the table now.
+        """
+        return self._commanded_motion.check(state, hands_on=hands_on)
 
     def _name(self, axis: int | None) -> str | None:
         """Return the name of an axis; None, which is all of them, for None."""

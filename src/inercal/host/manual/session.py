@@ -52,6 +52,7 @@ from inercal.host.manual.commands import (
 from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
 from inercal.host.manual.imu import ManualImu
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
+from inercal.host.table_lock import TableLock
 from inercal.host.task_sequencer import (
     Command,
     SpinCommand,
@@ -102,7 +103,8 @@ class ManualSession:
     Raises
     ------
     InputError
-        A run file that is none of a turntable, or an address that is none.
+        A run file that is none of a turntable, an address that is none, or a table that another
+        program commands.
     LinkLost
         Nobody is there.
     """
@@ -128,6 +130,7 @@ class ManualSession:
         self._show_time = -inf
         self.imu: ManualImu | None = None
         with ExitStack() as opened:
+            opened.enter_context(TableLock(addresses.table, "a session by hand"))
             timeout = _SIMULATED_READ_TIMEOUT if addresses.clock else READ_TIMEOUT
             self._table = opened.enter_context(open_table(addresses.table, bench, timeout))
             self._clock = (
@@ -412,7 +415,8 @@ class ManualSession:
         self._last_checks.record("table", self.time)
         if self._end_words:
             return
-        if (words := self._interlocks.check(_without_free_axes(state), self.time)) is not None:
+        words = self._interlocks.check(_without_free_axes(state), self.time)
+        if (words := words or self._driver.check_commanded(state)) is not None:
             self._alarm_end(words)
             return
         for i, axis in enumerate(state.axes):

@@ -12,6 +12,7 @@ from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
+from inercal.benches.turntable.reading.gyro_comparison import gyro_comparison_findings
 from inercal.benches.turntable.reading.host_readback import Interruption
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
@@ -60,6 +61,7 @@ from inercal.segments import (
 from inercal.segments import (
     observe as averaged,
 )
+from inercal.sensors import Sensor
 from inercal.units import format_quantity
 
 Indices = NDArray[np.int64]
@@ -131,7 +133,12 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     )
     repeated = _repeated_steps(recording.time, marks, own, read.interruptions)
     findings += compare_with_plan(steps, own, run, repeated)
-    observations = averaged(recording, run.sensor, marks, steps, found=True)
+    try:
+        observations = averaged(recording, run.sensor, marks, steps, found=True)
+    except InputError as error:
+        # Turns fall apart where the readback is wrong: what it does is the cause.
+        causes = [one.message for one in findings if one.what == "readback"]
+        raise error.located(f"{run.path}: {'; '.join(causes)}") if causes else error from None
     return EstimatorInput(
         recording,
         marks,
@@ -176,8 +183,14 @@ def _check_track(
     return (
         *check_track(where, track, run.sensor, bench, columns, interruptions),
         *check_earth_rate(where, track, run.sensor, bench),
-        *(dropped_sample_findings(track, run.sensor, bench) if repeated is None else (repeated,)),
+        *(_motion_findings(track, run.sensor, bench) if repeated is None else (repeated,)),
     )
+
+
+def _motion_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
+    """Return what readback and gyros show of lost samples, or else of a wrong readback."""
+    lost = dropped_sample_findings(track, sensor, bench)
+    return lost or gyro_comparison_findings(track, sensor, bench)
 
 
 def _require_complete_first_rest(

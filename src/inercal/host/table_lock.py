@@ -1,0 +1,156 @@
+"""The lock of a table: one program at a time commands it.
+
+A table is known by where its address leads (`addresses.table_places`), not by how the address is
+written. For each place there are two lock files: one for all users of the machine, and one in the
+user's own folder, which also holds where programs see different temporary folders, as services and
+containers do, and where several machines share the home folder.
+
+The system frees a lock when its process ends, however it ends. Programs on machines that share
+nothing are not seen; their motions are (`commanded_motion`).
+"""
+
+import json
+import os
+import socket
+import sys
+from contextlib import ExitStack, suppress
+from getpass import getuser
+from hashlib import sha256
+from pathlib import Path
+from stat import S_IWOTH
+from tempfile import gettempdir
+
+from inercal.errors import InputError
+from inercal.host.addresses import table_places
+from inercal.host.closeable import Closeable
+from inercal.host.run_log import lock_file, os_errors_as_input_errors
+
+_SHARED_FOLDERS = ("/run/lock", "/tmp")  # the first in which every user may write
+_SHARED_MODE = 0o666
+_MAX_NOTE = 4096  # bytes
+
+
+class TableLock(Closeable):
+    """The right to command the table at an address, from the beginning until `close`.
+
+    Parameters
+    ----------
+    address : str
+        As `inercal.host.addresses.open_table` takes it.
+    purpose : str
+        What the table is needed for, such as "run first"; shown to whom it is refused.
+
+    Raises
+    ------
+    InputError
+        Another program has the lock, or a lock file cannot be made.
+    """
+
+    def __init__(self, address: str, purpose: str):
+        with ExitStack() as opened:
+            # On Windows only a driver's own connection keeps others away.
+            for place in table_places(address) if sys.platform != "win32" else ():
+                name = f"inercal-table-{sha256(place.encode()).hexdigest()[:24]}.lock"
+                shared = _shared_folder() / name
+                with os_errors_as_input_errors(shared, "made"):
+                    opened.enter_context(_LockFile(shared, address, purpose))
+                # A home folder may be missing, be read-only, or be on a disk that knows no locks.
+                with suppress(OSError, RuntimeError):
+                    own = _own_folder() / name
+                    own.parent.mkdir(parents=True, exist_ok=True)
+                    opened.enter_context(_LockFile(own, address, purpose))
+            self._locks = opened.pop_all()
+
+    def close(self) -> None:
+        """Let others command the table."""
+        self._locks.close()
+
+
+class _LockFile(Closeable):
+    """A file that this process has locked; removed by `close`."""
+
+    def __init__(self, path: Path, address: str, purpose: str):
+        self._path = path
+        while True:
+            self._file = _open(path)
+            try:
+                self._lock(address)
+                if self._is_current():
+                    break
+            except BaseException:
+                os.close(self._file)
+                raise
+            os.close(self._file)  # who had the lock before has removed the file
+        with suppress(OSError):  # a full disk: the note is for the message to others only
+            os.ftruncate(self._file, 0)
+            note = [purpose, _user(), os.getpid(), socket.gethostname()]
+            os.pwrite(self._file, json.dumps(note).encode(), 0)
+
+    def close(self) -> None:
+        """Remove the file and free the lock."""
+        with suppress(OSError):  # another user's file, in a folder for all
+            if self._is_current():
+                self._path.unlink()
+        os.close(self._file)
+
+    def _lock(self, address: str) -> None:
+        try:
+            lock_file(self._file, self._path, "")
+        except InputError:
+            raise InputError(
+                f"{address}: another program commands the table: {_read_note(self._file)}; wait "
+                "until it has ended, or stop it",
+                key="--table",
+                names=(address,),
+            ) from None
+
+    def _is_current(self) -> bool:
+        """Tell whether the locked file is still the one at its path."""
+        try:
+            there = os.stat(self._path, follow_symlinks=False)
+        except FileNotFoundError:
+            return False
+        return os.path.samestat(os.fstat(self._file), there)
+
+
+def _open(path: Path) -> int:
+    while True:
+        # Not O_CREAT at once: in a folder for all, systems refuse it for a file of another user.
+        with suppress(FileNotFoundError):
+            return os.open(path, os.O_RDWR | os.O_NOFOLLOW)
+        with suppress(FileExistsError):
+            file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, _SHARED_MODE)
+            os.fchmod(file, _SHARED_MODE)  # whatever the umask: other users lock it too
+            return file
+
+
+def _read_note(file: int) -> str:
+    try:
+        purpose, user, number, machine = json.loads(os.pread(file, _MAX_NOTE, 0))
+    except (OSError, ValueError, TypeError):
+        return "a process that has not said what it does"
+    where = "" if machine == socket.gethostname() else f" on {machine}"
+    return f"{purpose}, by {user} (process {number}{where})"
+
+
+def _user() -> str:
+    try:
+        return getuser()
+    except (OSError, KeyError):  # a user without a name, as in containers
+        return str(os.getuid())
+
+
+def _shared_folder() -> Path:
+    """Return the folder of the machine's lock files: the same for all users."""
+    for folder in _SHARED_FOLDERS:
+        with suppress(OSError):
+            if os.stat(folder).st_mode & S_IWOTH:
+                return Path(folder)
+    return Path(gettempdir())
+
+
+def _own_folder() -> Path:
+    """Return the folder of the user's lock files; a `RuntimeError` where no home is known."""
+    given = os.environ.get("XDG_STATE_HOME", "")
+    state = Path(given) if os.path.isabs(given) else Path.home() / ".local" / "state"
+    return state / "inercal"

@@ -1,0 +1,168 @@
+"""Readback against gyros: what is wrong with a readback is named, and a sound one is not blamed.
+
+Motion, readings and noise are those of `tests.evidence.cases.turntable`, which knows nothing of
+inercal: gyros of 0.1 °/√h, off by 0.3 °/s, 0.5 % and 15′, a readback of 0.5″ that is 5 ms late.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.accuracy.turntable import Table, simulate_travel
+from tests.evidence import sensor_models
+from tests.evidence.cases import turntable as case
+
+from inercal.arrays import Array
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.gyro_comparison import (
+    GyroComparison,
+    ReadbackDifference,
+    gyro_comparison_findings,
+)
+from inercal.recording import Track
+from inercal.runfile import Run, read
+
+HZ, RATE = 100.0, 30.0
+PATH: case.Path = [
+    ("warm-up", (0, 0, 0), 20.0), ("up", (0, 90, 0), 8.0), ("slanted", (90, 45, 30), 8.0),
+    ("x+", 1, 360.0, RATE), ("x-", 1, -360.0, RATE), ("y+", 2, 360.0, RATE),
+    ("y-", 2, -360.0, RATE), ("z+", 0, 360.0, RATE), ("z-", 0, -360.0, RATE),
+    ("rest", (0, 0, 0), 15.0),
+]  # fmt: skip
+Fault = Callable[[Array, Array, float], Array]
+
+
+def made(seed: int, folder: Path) -> tuple[Run, Track, float]:
+    """Return a run file, a sound track, and when its turn z+ has lasted for 4 s."""
+    rng = np.random.default_rng(seed)
+    unknowns = sensor_models.gyro_triad(0.3 * case.DEGREE, 5e-3, 15 / 60 * case.DEGREE)
+    v = {name: one.sd * float(rng.standard_normal()) for name, one in unknowns.items()}
+    v["latency"] = 5e-3
+    true, speed, late, steps = simulate_travel(PATH, Table(latency=5e-3, jerk=case.JERK), HZ)
+    y = case.noise_free_readings(v, true, speed)
+    y[:, 3:] += case.WHITE_G * np.sqrt(HZ) * rng.standard_normal((len(y), 3))
+    said = case.readback(v, late) + 0.5 * case.ARCSEC * rng.standard_normal(late.shape)
+    (folder / "run.toml").write_text(case.run_text("turntable_kalman"), encoding="utf-8")
+    (folder / "path.csv").write_text(case.path_text(PATH), encoding="utf-8")
+    time = np.arange(len(y)) / HZ
+    track = Track(time, y, said, np.full(time.size, -1))
+    return read(folder / "run.toml"), track, float(time[np.argmax(steps == "z+")]) + 4.0
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Track, float]:
+    return made(4, tmp_path_factory.mktemp("sound"))
+
+
+def found(run: Run, track: Track, piece: int = 1 << 30) -> list[ReadbackDifference]:
+    assert isinstance(run.bench, Turntable)
+    comparison = GyroComparison(run.bench, run.sensor)
+    result: list[ReadbackDifference] = []
+    for start in range(0, track.time.size, piece):
+        result += comparison.feed(track.slice(start, min(start + piece, track.time.size)))
+    return result + comparison.finish()
+
+
+def offset(size: float, until: float = 1e9) -> Fault:
+    def fault(time: Array, angles: Array, at: float) -> Array:
+        angles[(time >= at) & (time < at + until), 0] += size * case.DEGREE
+        return angles
+
+    return fault
+
+
+def drift(rate: float) -> Fault:
+    def fault(time: Array, angles: Array, at: float) -> Array:
+        angles[:, 0] += rate * case.DEGREE * np.clip(time - at, 0, 6)
+        return angles
+
+    return fault
+
+
+def clock(seconds: float) -> Fault:
+    def fault(time: Array, angles: Array, at: float) -> Array:
+        late = np.where(time >= at, time - seconds, time)
+        return np.stack([np.interp(late, time, axis) for axis in angles.T], axis=-1)
+
+    return fault
+
+
+def noise(size: float) -> Fault:
+    def fault(time: Array, angles: Array, at: float) -> Array:
+        now = (time >= at) & (time < at + 6)
+        drawn = np.random.default_rng(1).standard_normal((int(now.sum()), 3))
+        angles[now] += size * case.DEGREE * drawn
+        return angles
+
+    return fault
+
+
+FAULTS: dict[str, tuple[Fault, str]] = {
+    "an offset of 0.02° that stays": (offset(0.02), "step"),
+    "an offset of 0.02° for 2 s": (offset(0.02, 2.0), "step"),
+    "an offset of 1°": (offset(1.0), "step"),
+    "a drift of 1 °/s": (drift(1.0), "drift"),
+    "a clock that jumps by 0.5 s": (clock(0.5), "delay"),
+    "a clock that jumps by 2 ms": (clock(0.002), "step"),
+    "noise of 0.05°": (noise(0.05), "noise"),
+    "noise of 0.002°": (noise(0.002), "noise"),
+}
+
+
+def test_a_sound_readback_is_not_blamed(sound: tuple[Run, Track, float]):
+    run, track, _ = sound
+    assert found(run, track, 777) == []
+    assert isinstance(run.bench, Turntable)
+    assert gyro_comparison_findings(track, run.sensor, run.bench) == ()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "an offset of 0.02° that stays",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in FAULTS
+            if name != "an offset of 0.02° that stays"
+        ),
+    ],
+)
+def test_a_wrong_readback_is_named_with_its_time(sound: tuple[Run, Track, float], name: str):
+    fault, kind = FAULTS[name]
+    run, track, at = sound
+    wrong = replace(track, angles=fault(track.time, track.angles.copy(), at))
+    differences = found(run, wrong)
+    assert kind in {one.kind for one in differences}
+    assert found(run, wrong, 777) == differences
+    first = min(differences, key=lambda one: one.stop)
+    assert first.start - 10.0 <= at <= first.stop + 0.1
+    for one in differences:
+        if one.kind == "step" and one.start < at + 1 and "offset" in name:
+            assert abs(one.start - at) < 0.1
+            assert abs(one.size) == pytest.approx(
+                (1.0 if "1°" in name else 0.02) * case.DEGREE, rel=0.1
+            )
+            assert one.axis == 0
+    assert isinstance(run.bench, Turntable)
+    findings = gyro_comparison_findings(wrong, run.sensor, run.bench)
+    assert {one.what for one in findings} == {"readback"}
+    assert all("against the gyros" in one.message or "than the gyros" in one.message
+               for one in findings)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_gyros_that_are_off_by_five_percent_blame_no_readback(sound: tuple[Run, Track, float]):
+    run, track, _ = sound
+    reading = track.reading.copy()
+    reading[:, 3:] *= 1.05
+    assert found(run, replace(track, reading=reading)) == []
+    # Nor do ones of less sense than the run file states, nor a sensor without any.
+    rng = np.random.default_rng(1)
+    reading[:, 3:] += 5 * case.WHITE_G * np.sqrt(HZ) * rng.standard_normal((len(reading), 3))
+    assert found(run, replace(track, reading=reading)) == []
+    force = run.sensor.select_axes("f")
+    assert isinstance(run.bench, Turntable)
+    alone = replace(track, reading=track.reading[:, :3])
+    assert gyro_comparison_findings(alone, force, run.bench) == ()
