@@ -127,8 +127,8 @@ class Sequencer(TaskSequencer[TurnTask]):
                 raise self._fault(
                     f"axis {self._names[i]} moved during the hold: it is at "
                     f"{degrees(axis.angle):.4f}° instead of {degrees(angle):.4f}°; another program "
-                    "commands the table, it was moved from outside, or its encoder drifts; end that "
-                    "program, and keep people and panels from the table",
+                    "commands the table, it was moved from outside, or its encoder drifts; end "
+                    "that program, and keep people and panels from the table",
                     i,
                 )
         return self._motion_suspected
