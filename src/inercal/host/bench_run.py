@@ -311,7 +311,7 @@ class BenchRun:
         """
         if self._plausibility.accept_state(state):
             return True
-        if self._plausibility.is_fault:
+        if self._plausibility.is_fault and not self.sequencer.is_over:  # said once
             self._interruptions.end(self._plausibility.fault_text)
         return False
 
