@@ -17,11 +17,11 @@ class RunInterrupted(InercalError):
     Parameters
     ----------
     reason : str
-    can_be_resumed : bool
+    can_be_resumed : bool, optional
         Its folder is there, and the clocks of the devices can still be matched.
     """
 
-    def __init__(self, reason: str, *, can_be_resumed: bool):
+    def __init__(self, reason: str, *, can_be_resumed: bool = True):
         super().__init__(reason)
         self.can_be_resumed = can_be_resumed
 
