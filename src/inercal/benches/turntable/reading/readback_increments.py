@@ -17,6 +17,7 @@ from inercal.recording import GAP_FACTOR, Track
 KNOT = 0.05  # s
 _HALF = 0.02  # s, half of the span of a rate
 _NEAR = 3  # knots beside an acceleration that belong to it
+_LONG = 10  # knots before and after, over which a slow change of the rate shows
 _NOISY = 12.0  # times the noise of a reading over the span: six standard deviations of a change
 _SLOW = radians(0.5)  # rad/s: an interpolated angle that nearly stands
 _DUST = 1e-9  # rad, of steps that are rounding
@@ -129,7 +130,12 @@ def find_increments(
     acceleration = (v[at + 2 * h] - 2 * v[at] + v[at - 2 * h]) / span**2
     # Where the table does not accelerate, these are noise that the increments have too.
     faster, jerk = np.diff(rate, axis=0), np.diff(acceleration, axis=0)
-    accelerates = (np.abs(faster) > _NOISY * bench.white / span[1:]).any(axis=-1)
+    least = _NOISY * bench.white / span[1:]
+    accelerates = (np.abs(faster) > least).any(axis=-1)
+    # A slow change shows over a longer time, whose ends have no more noise.
+    ends = np.arange(len(rate))[:, None] + np.array([-_LONG, _LONG])
+    first, last = rate[np.clip(ends, 0, len(rate) - 1)].swapaxes(0, 1)
+    accelerates |= (np.abs(last - first)[1:] > least).any(axis=-1)
     near = np.convolve(accelerates, np.ones(2 * _NEAR + 1), "same") > 0
     faster[~near] = jerk[~near] = 0.0
     lost = np.concatenate([[0], np.cumsum(dt > GAP_FACTOR * step)])
