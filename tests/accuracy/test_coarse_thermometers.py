@@ -107,7 +107,7 @@ def test_whole_degrees_of_a_freezer_give_the_lag_and_the_coefficients(tmp_path: 
     assert u < 4.0
 
 
-@pytest.mark.parametrize("name", ["first 300 s lost", "5 K"])
+@pytest.mark.parametrize("name", [pytest.param("first 300 s lost", marks=pytest.mark.slow), "5 K"])
 def test_a_lag_that_the_data_do_not_determine_is_refused_by_name(name: str):
     with pytest.raises(NotObserved) as refusal:
         fitted(BAD[name], (1, 0))
@@ -116,6 +116,7 @@ def test_a_lag_that_the_data_do_not_determine_is_refused_by_name(name: str):
     assert ("one exponential" in str(refusal.value)) == (name == "first 300 s lost")
 
 
+@pytest.mark.slow
 def test_a_stated_lag_stands_where_the_data_do_not_determine_it():
     warm = BAD["first 300 s lost"]
     estimate = fitted(warm, (1, 1), Environment("ramp", 1e-9, lag=Measured(31.0, 2.0)))

@@ -81,6 +81,7 @@ Journal.create(sys.argv[1], "plan.toml", ("", "", ""), 0.02, 3)
 """
 
 
+@pytest.mark.slow
 def test_a_host_killed_at_any_line_of_create_leaves_a_whole_journal_or_none(tmp_path: Path):
     left: list[bool] = []
     code = -1

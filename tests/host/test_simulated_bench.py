@@ -318,6 +318,7 @@ def _run_once(seed: int, **options: object) -> tuple[bytes, str]:
     return data, said
 
 
+@pytest.mark.slow
 def test_processes_of_their_own_give_the_same_bytes_at_a_terminal_and_at_tcp():
     data, said = _run_once(8)
     counter = Decoder(LAYOUT).feed(data).counter
@@ -326,6 +327,7 @@ def test_processes_of_their_own_give_the_same_bytes_at_a_terminal_and_at_tcp():
     assert _run_once(8, terminal=False) == (data, said)
 
 
+@pytest.mark.slow
 def test_at_a_pace_of_its_own_the_bench_waits_for_nobody():
     with BenchSimulator(MIMU, pace=50.0, terminal=False) as bench:
         assert bench.clock is None

@@ -378,6 +378,7 @@ def test_a_level_on_the_base_is_refused_and_one_on_the_table_gives_the_lean(fold
         made("right_angle", "turntable", 'axes = "zxy"')
 
 
+@pytest.mark.slow
 def test_a_budget_draws_correlated_parameters_as_the_fit_counts_them(folder: Path):
     plan = 'rates = ["60 rpm", "120 rpm", "180 rpm"]\n'
     (folder / "arm.toml").write_text(ARM + plan, encoding="utf-8")
