@@ -159,9 +159,7 @@ def screen_rows(
         one = _with_independent_rows(
             norm_problem(variants, sensor, bench, [steps[k]] * len(rows), priors)
         )
-        # Errors of the bench at other rows do not act on this one.
-        acting = [fit.names.index(name) for name in one.names]
-        value, covariance = fit.value[acting], fit.covariance[np.ix_(acting, acting)]
+        value, covariance = _known_of_row(fit, one)
         residual, jacobian = one.linearise(value)
         assert callable(one.noise)
         own = noise * one.noise(value)
@@ -226,6 +224,25 @@ def row_agreement(problem: Problem) -> Agreement:
     # Half of the level, both signs.
     limit = -float(scipy.special.ndtri(SIGNIFICANCE_LEVEL / 4 / len(fit.whitened)))
     return Agreement(fit, noise, np.flatnonzero(np.abs(fit.whitened) > limit * noise))
+
+
+def _known_of_row(fit: Estimate, problem: Problem) -> tuple[Array, Array]:
+    """Return the parameters that act on a row, and their covariance, by a fit of other rows.
+
+    Errors of the bench that belong to this row alone are as they were before.
+    """
+    place = {name: k for k, name in enumerate(fit.names)}
+    value = np.atleast_2d(problem.start)[0].copy()
+    covariance = np.zeros((value.size, value.size))
+    for prior in problem.priors:
+        at = [problem.names.index(name) for name in prior.names]
+        covariance[np.ix_(at, at)] += prior.covariance
+    seen = [k for k, name in enumerate(problem.names) if name in place]
+    of_fit = [place[problem.names[k]] for k in seen]
+    value[seen] = fit.value[of_fit]
+    covariance[seen] = covariance[:, seen] = 0.0
+    covariance[np.ix_(seen, seen)] = fit.covariance[np.ix_(of_fit, of_fit)]
+    return value, covariance
 
 
 def _with_independent_rows(problem: Problem) -> Problem:
