@@ -111,7 +111,7 @@ def test_a_second_run_is_refused_leaves_nothing_and_disturbs_no_byte(tmp_path: P
 
         def second(first: object) -> None:
             with pytest.raises(InputError) as error:
-                carried_out(tmp_path / "second", bench, run)
+                carried_out(tmp_path / f"second-{len(refusals)}", bench, run)
             refusals.append(str(error.value))
 
         acts = [(label, "work", second) for label in ("y up", "z+", "rest")]
