@@ -1,4 +1,4 @@
-"""Lines of a text file by the rows of its table: lines without a sample may lie between."""
+"""Line numbers of the rows of a text file; lines without a sample may lie between two rows."""
 
 from bisect import bisect_right
 

@@ -1,4 +1,4 @@
-"""Singular values of matrices of which the usual algorithm finds none."""
+"""Singular value decomposition, also where the usual algorithm does not converge."""
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 
@@ -13,7 +13,8 @@ def svd(matrix: Array, *, full_matrices: bool = True) -> tuple[Array, Array, Arr
     """Return U, s and Vᵀ of a finite matrix, (m, n).
 
     LAPACK's divide and conquer (gesdd) fails on rare matrices that hold very small numbers; its
-    older algorithm (gesvd) is slower and does not.
+    older algorithm (gesvd) is slower and does not. A single column needs neither: most candidates
+    of a score test have one component.
     """
     if matrix.shape[1] == 1 and not full_matrices:
         length = np.linalg.norm(matrix, axis=0)

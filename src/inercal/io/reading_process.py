@@ -25,7 +25,7 @@ _SIGNALLED = 128  # and the signal, as shells count it
 
 
 def serve() -> None:
-    """ReadingAnswer the requests on standard input, until it ends."""
+    """Answer the requests on standard input until it ends."""
     requests, answers = FileIO(_INPUT, "r"), FileIO(os.dup(_OUTPUT), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), _OUTPUT)  # libraries print what they find
     warnings.simplefilter("ignore")

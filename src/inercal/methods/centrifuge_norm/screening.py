@@ -159,7 +159,7 @@ def screen_rows(
         one = _with_independent_rows(
             norm_problem(variants, sensor, bench, [steps[k]] * len(rows), priors)
         )
-        value, covariance = _known_of_row(fit, one)
+        value, covariance = _parameters_of_row(fit, one)
         residual, jacobian = one.linearise(value)
         assert callable(one.noise)
         own = noise * one.noise(value)
@@ -226,10 +226,10 @@ def row_agreement(problem: Problem) -> Agreement:
     return Agreement(fit, noise, np.flatnonzero(np.abs(fit.whitened) > limit * noise))
 
 
-def _known_of_row(fit: Estimate, problem: Problem) -> tuple[Array, Array]:
+def _parameters_of_row(fit: Estimate, problem: Problem) -> tuple[Array, Array]:
     """Return the parameters that act on a row, and their covariance, by a fit of other rows.
 
-    Errors of the bench that belong to this row alone are as they were before.
+    Errors of the bench that belong to this row alone have their priors.
     """
     place = {name: k for k, name in enumerate(fit.names)}
     value = np.atleast_2d(problem.start)[0].copy()

@@ -132,7 +132,7 @@ def find_increments(
     faster, jerk = np.diff(rate, axis=0), np.diff(acceleration, axis=0)
     least = _NOISY * bench.white / span[1:]
     accelerates = (np.abs(faster) > least).any(axis=-1)
-    # A slow change shows over a longer time, whose ends have no more noise.
+    # A slow acceleration shows over a longer time: the rates at its ends have the same noise.
     ends = np.arange(len(rate))[:, None] + np.array([-_LONG, _LONG])
     first, last = rate[np.clip(ends, 0, len(rate) - 1)].swapaxes(0, 1)
     accelerates |= (np.abs(last - first)[1:] > least).any(axis=-1)
