@@ -128,9 +128,10 @@ def _score_test(
         From what is absorbed to shifts.
     """
     u, s, v = svd(left, full_matrices=False)
-    least = _MIN_RESIDUAL_SHARE * np.max(length * unit, initial=0.0)
+    longest = float(np.max(length * unit, initial=0.0))
+    least = _MIN_RESIDUAL_SHARE * longest
     shown = s > (least if one.largest is None else max(least, _VISIBLE))
-    k = int(shown.sum())
+    k, largest = int(shown.sum()), float(s[0]) if s.size else 0.0
     u, s, v = u[:, :k], s[:k], v[:k]
     t = u.T @ residual
     size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
@@ -156,7 +157,7 @@ def _score_test(
         one.largest,
         one.stated_sds,
         one.changes,
-        float(np.max(s, initial=0.0) / max(np.max(length * unit, initial=0.0), 1e-300)),
+        largest / max(longest, 1e-300),
         size * unit,
     )
     return score, u

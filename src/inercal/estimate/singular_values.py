@@ -17,8 +17,8 @@ def svd(matrix: Array, *, full_matrices: bool = True) -> tuple[Array, Array, Arr
     of a score test have one component.
     """
     if matrix.shape[1] == 1 and not full_matrices:
-        length = np.linalg.norm(matrix, axis=0)
-        return matrix / np.where(length > 0, length, 1.0), length, np.ones((1, 1))
+        length = float(np.linalg.norm(matrix))
+        return matrix / (length or 1.0), np.array([length]), np.ones((1, 1))
     try:
         return np.linalg.svd(matrix, full_matrices=full_matrices)
     except np.linalg.LinAlgError:

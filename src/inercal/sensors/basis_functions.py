@@ -80,11 +80,23 @@ class Basis:
 
     def derivative(self, name: str) -> tuple[Product, ...]:
         """Return the products of the derivative to one component; empty where it is zero."""
-        return tuple(d for product in self.products if (d := product.derivative(name)) is not None)
+        return self._derivatives.get(name, ())
+
+    @cached_property
+    def _derivatives(self) -> Mapping[str, tuple[Product, ...]]:
+        """Those that are not zero: a fit asks for them at each evaluation."""
+        return {
+            name: tuple(d for one in self.products if (d := one.derivative(name)) is not None)
+            for name in self._components
+        }
+
+    @cached_property
+    def _components(self) -> frozenset[str]:
+        return frozenset(name for product in self.products for name in product.components)
 
     def uses(self, *names: str) -> bool:
         """Return whether any of the components appears."""
-        return any(name in product.components for product in self.products for name in names)
+        return not self._components.isdisjoint(names)
 
     def degree(self, *names: str) -> int:
         """Return the highest number of factors among `names` in one product."""

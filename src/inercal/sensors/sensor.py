@@ -21,6 +21,8 @@ from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
 from inercal.sensors.similar_axes import SimilarAxes
 
+_TERMS = {kind: {term.name: term for term in table} for kind, table in TABLES.items()}
+
 
 class Linearisation(NamedTuple):
     """Readings and their derivatives; see `Sensor.linearise`."""
@@ -73,10 +75,10 @@ class Sensor:
                 names=tuple(names),
             )
         by_axis: dict[str, list[ErrorTerm]] = {name: [] for name in names}
+        tables = {axis.name: _TERMS[axis.measures] for axis in self.axes}
         for full in self.coefficients:
             axis, short = CoefficientName(full).parts
-            tables = {a.name: TABLES[a.measures] for a in self.axes}
-            known = {c.name: c for c in tables.get(axis, ())}
+            known = tables.get(axis, {})
             if short not in known:
                 raise InputError(
                     f"no coefficient {full!r}; the axes are {', '.join(names)}"
@@ -241,7 +243,8 @@ class Sensor:
         p = len(self.coefficients)
         sensed = np.concatenate([np.eye(6), np.zeros((1, 6))])
         motion = Motion(sensed[:, :3], sensed[:, 3:])
-        at = np.stack([self.forward(motion, c) for c in (*np.eye(p), np.zeros(p))])
+        reading = self.forward(motion, np.concatenate([np.eye(p), np.zeros((1, p))]))
+        at = np.array(np.broadcast_to(reading, (p + 1, 7, len(self.axes))))
         at[:, :6] -= at[:, 6:]
         maps = np.swapaxes(at, -1, -2)
         return maps[p], maps[:p] - maps[p]

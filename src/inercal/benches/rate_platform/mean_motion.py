@@ -54,8 +54,12 @@ def sensed_motion(
     if place is not None:
         up_rate, north_rate = zero + EARTH_RATE * np.sin(place), zero + EARTH_RATE * np.cos(place)
 
+    known = bench.qualified.correction
+
     def value(name: str) -> Array:
-        return np.asarray(q.get(name, bench.qualified.correction(name)), dtype=float) + zero
+        if name in q:
+            return np.asarray(q[name], dtype=float) + zero
+        return zero + known(name)
 
     rows = [
         _dwell(step, value, g, up_rate, level_rate_factor(step))

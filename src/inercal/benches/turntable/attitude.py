@@ -205,6 +205,19 @@ def body_rates(bench: Turntable, angles: Array, rates: Array) -> Array:
     return result
 
 
+def axis_directions(bench: Turntable, angles: Array) -> Array:
+    """Return the unit vectors of the axes in the body, (n, k, 3), of the bench as declared.
+
+    Parameters
+    ----------
+    bench : Turntable
+    angles : (n, k) array
+        As of `motion`.
+    """
+    axes = _attitude_and_axes(bench, angles, {})[1]
+    return np.stack([np.broadcast_to(u.T, (len(angles), 3)) for u in axes], axis=1)
+
+
 def _attitude_and_axes(
     bench: Turntable, angles: Array, q: Mapping[str, Array]
 ) -> tuple[Array, list[Array]]:

@@ -19,10 +19,15 @@ sᵀ W r / √(sᵀ W s). Signatures are, axis by axis, a step at a knot, a drif
 delay; noise of the readback is known by neighbouring increments, which it correlates by −½.
 """
 
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+
 from math import degrees, hypot, radians, sqrt
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
@@ -194,7 +199,7 @@ class GyroComparison:
             y = (knots.gyro - knots.table)[used, i]
             prior = before + self._wander[i]
             own = self._noise(knots, used, dt, y - columns @ mean, i)
-            weight = np.asarray(np.linalg.inv(own + columns @ prior @ columns.T), dtype=float)
+            weight = _inverse(own + columns @ prior @ columns.T)
             gain = prior @ columns.T @ weight
             r = y - columns @ mean
             after = mean + gain @ r, prior - gain @ columns @ prior
@@ -221,10 +226,8 @@ class GyroComparison:
         share = np.sum(knots.axes[:, :, i] ** 2, axis=1)
         both = (knots.variance[1:] + knots.variance[:-1]) * share
         both += knots.slow * _SETTLED**2 / 3
-        whole = np.diag(both)
         between = -knots.variance[1:-1] * np.sqrt(share[1:] * share[:-1])
-        whole += np.diag(between, 1) + np.diag(between, -1)
-        whole = whole[np.ix_(used, used)]
+        between = np.where(np.diff(used) == 1, between[used[:-1]], 0.0)
         # Trapezoids miss what the rate does between samples where an acceleration begins.
         dynamic = (knots.acceleration[used, i] * knots.step**2 / 8) ** 2
         dynamic += (knots.rate[used, i] * _TIMING) ** 2
@@ -234,7 +237,10 @@ class GyroComparison:
             self._white[i] ** 2,
             (spread - 1.5 * float(np.median(both[used]))) / float(np.median(dt)),
         )
-        return whole + np.diag(white * dt + dynamic)
+        whole = np.diag(both[used] + white * dt + dynamic)
+        k = np.arange(used.size - 1)
+        whole[k, k + 1] = whole[k + 1, k] = between
+        return whole
 
     def _steps_and_drifts(
         self,
@@ -245,6 +251,7 @@ class GyroComparison:
     ) -> list[ReadbackDifference]:
         """Return the most significant step and drift, if there are any."""
         time, dt = knots.time[:-1][used], np.diff(knots.time)[used]
+        later = [np.triu(w, 1) for w in weights]
         best: dict[Kind, ReadbackDifference] = {}
 
         def keep(kind: Kind, axis: int, at: Array, score: Array, information: Array) -> None:
@@ -258,25 +265,23 @@ class GyroComparison:
                 best[kind] = one
 
         for axis in range(knots.axes.shape[1]):
-            of = [knots.axes[used, axis, i] for i in range(len(weights))]
-            score = sum(
-                (s * (w @ r) for s, w, r in zip(of, weights, residuals, strict=True)),
-                np.zeros(used.size),
-            )
-            matrix = sum(
-                (s[:, None] * w * s for s, w in zip(of, weights, strict=True)),
-                np.zeros((used.size, used.size)),
-            )
-            diagonal = np.diagonal(matrix)
-            keep("step", axis, time, score, diagonal)
+            score, information, of_later = np.zeros((3, used.size))
+            neighbours = np.zeros(used.size - 1)
+            for i, (w, r) in enumerate(zip(weights, residuals, strict=True)):
+                s = knots.axes[used, axis, i]
+                score += s * (w @ r)
+                information += s**2 * np.diagonal(w)
+                neighbours += s[1:] * s[:-1] * np.diagonal(w, 1)
+                of_later += s * (later[i] @ (s * dt))
+            keep("step", axis, time, score, information)
             # A step between two readings is in two increments where their interpolation is.
-            pairs = diagonal[1:] + diagonal[:-1] + 2 * np.diagonal(matrix, 1)
+            pairs = information[1:] + information[:-1] + 2 * neighbours
             keep("step", axis, time, (score[1:] + score[:-1]) / 2, pairs / 4)
             # Sums from each knot to the end of the window; each fifth is near enough to any.
             from_here = np.cumsum((dt * score)[::-1])[::-1]
-            both = np.cumsum(np.cumsum((dt[:, None] * matrix * dt)[::-1, ::-1], axis=0), axis=1)
+            known = np.cumsum((dt**2 * information + 2 * dt * of_later)[::-1])[::-1]
             late = slice(0, used.size - _FEWEST + 1, 5)
-            keep("drift", axis, time[late], from_here[late], np.diagonal(both)[::-1][late])
+            keep("drift", axis, time[late], from_here[late], known[late])
         return [one for one in best.values() if _counts(one)]
 
     def _noise_of_readback(self, knots: Increments, noise: Array) -> list[ReadbackDifference]:
@@ -322,6 +327,15 @@ def gyro_comparison_findings(track: Track, sensor: Sensor, bench: Turntable) -> 
 
 
 _CAUSE = "; check the encoder, its cable and the controller"
+
+
+def _inverse(covariance: Array) -> Array:
+    """Return the inverse of a positive definite matrix, in a third of the time of `numpy`'s."""
+    potrf, potri = scipy.linalg.get_lapack_funcs(("potrf", "potri"), (covariance,))
+    factor: Any = potrf(covariance, lower=True, overwrite_a=True)[0]
+    half: Any = potri(factor, lower=True, overwrite_c=True)[0]
+    lower: Array = np.tril(half)
+    return lower + np.tril(half, -1).T
 
 
 def _counts(one: ReadbackDifference) -> bool:

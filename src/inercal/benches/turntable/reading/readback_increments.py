@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import body_rates, reference_attitude
+from inercal.benches.turntable.attitude import axis_directions, body_rates, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.recording import GAP_FACTOR, Track
 
@@ -141,12 +141,7 @@ def find_increments(
     lost = np.concatenate([[0], np.cumsum(dt > GAP_FACTOR * step)])
     usable = lost[at[1:] + 2 * h] == lost[at[:-1] - 2 * h]
     there = angles[at]
-    none = body_rates(bench, there, np.zeros_like(there))
-    units = np.eye(there.shape[1])
-    axes = np.stack(
-        [body_rates(bench, there, np.broadcast_to(one, there.shape)) - none for one in units],
-        axis=1,
-    )
+    axes = axis_directions(bench, there)
     up = reference_attitude(bench, there)[:, 2, :]
     variance, slow = track.angle_variance(bench.white**2)[at], np.zeros(at.size, np.bool_)
     if track.angle_quality is not None:
