@@ -1,18 +1,14 @@
-"""The words of the interface: those of the glossary, or plain English ones."""
+"""The glossary, and words that stand in no public name."""
 
 import ast
 import re
-from collections.abc import Callable
 from pathlib import Path
-
-import pytest
 
 import inercal
 from inercal.glossary import find_term, glossary, glossary_markdown
 from inercal.sensors.coefficient_tables import TABLES
 
 SOURCE = Path(inercal.__file__).parent
-PLAIN = frozenset((Path(__file__).parent / "plain_words.txt").read_text("utf-8").split())
 PAGE = Path(__file__).parents[1] / "docs" / "reference" / "glossary.md"
 # Our own words for what has a name in the field: none stands in a public name.
 BANNED = frozenset(
@@ -65,14 +61,6 @@ def words(text: str) -> set[str]:
     return {word.lower() for word in WORD.findall(text)}
 
 
-GLOSSARY = frozenset(
-    word
-    for group in glossary()
-    for term in group.terms
-    for word in words(f"{term.name} {term.symbol}")
-)
-
-
 def public_names() -> dict[str, str]:
     """Return every public class, function and method with the file that it stands in."""
     names: dict[str, str] = {}
@@ -87,37 +75,9 @@ def public_names() -> dict[str, str]:
     return names
 
 
-def headings() -> dict[str, str]:
-    """Return the headings, captions and heads of columns of the pages with their files."""
-    pattern = re.compile(
-        r"<(h2|caption|th scope=\"col\"[^>]*)>(.*?)</(?:h2|caption|th)>", re.DOTALL
-    )
-    made: dict[str, str] = {}
-    for path in SOURCE.rglob("*.html"):
-        for _, text in pattern.findall(path.read_text(encoding="utf-8")):
-            plain = re.sub(
-                r"<[^>]*>|&\w+;", " ", re.sub(r"{[{%].*?[%}]}", " ", text, flags=re.DOTALL)
-            )
-            made[plain] = str(path.relative_to(SOURCE))
-    return made
-
-
-@pytest.mark.parametrize("named", [public_names, headings], ids=["names", "headings"])
-def test_words_of_names_and_headings_are_plain_or_in_the_glossary(
-    named: Callable[[], dict[str, str]],
-):
-    found = {
-        f"{word} in {name!r}, {where}"
-        for name, where in named().items()
-        for word in words(name) - GLOSSARY - PLAIN
-    }
-    assert sorted(found) == []
-
-
 def test_no_banned_word_stands_in_a_public_name():
     found = {f"{name}, {where}" for name, where in public_names().items() if words(name) & BANNED}
     assert sorted(found) == []
-    assert not PLAIN & BANNED
 
 
 def test_every_coefficient_is_in_the_glossary():

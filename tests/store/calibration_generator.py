@@ -121,7 +121,7 @@ def content(
     rows = zip(names, values.tolist(), np.sqrt(np.diag(c)).tolist(), strict=True)
     created = FIRST + timedelta(days=years * DAYS_A_YEAR)
     made: dict[str, Any] = {
-        "schema": "inercal/calibration/1",
+        "schema": "inercal/calibration/2",
         "sensor": {
             "name": truth.sensor,
             "form": "reference",

@@ -38,7 +38,7 @@ def test_migrations_lead_to_the_tables_of_this_version(address: str):
     with engine.connect() as db:
         context = MigrationContext.configure(db, opts={"version_table": VERSION_TABLE})
         assert compare_metadata(context, metadata) == []
-        assert context.get_current_revision() == "0004"
+        assert context.get_current_revision() == "1"
     engine.dispose()
 
 
@@ -50,24 +50,14 @@ def test_opening_again_keeps_everything(address: str, tmp_path: Path):
         assert register.calibrations() == before
 
 
-def test_a_register_without_certificates_gets_their_table_and_keeps_the_rest(
-    address: str, tmp_path: Path
-):
-    with Register(address) as register:
-        register.enter_calibrations(ten(tmp_path))
-        before = register.calibrations()
-    engine = create_engine(resolve_address(address).url)
-    with engine.begin() as db:  # as revision 0002 left it
-        db.exec_driver_sql("DROP TABLE noise_coefficient")
-        db.exec_driver_sql("DROP TABLE noise_analysis")
-        db.exec_driver_sql("DROP TABLE certificate")
-        if db.dialect.name == "postgresql":
-            db.exec_driver_sql("DROP FUNCTION inercal_keep_certificate()")
-    engine.dispose()
-    revised(address, "0002")
-    with Register(address) as register:
-        assert register.calibrations() == before
-        assert register.certificates() == ()
+@pytest.mark.parametrize("revision", ["0001", "0004"])
+def test_a_register_from_before_the_first_release_is_refused(address: str, revision: str):
+    create(address)
+    revised(address, revision)
+    with refused(InputError, key="--register"):
+        Register(address)
+    revised(address, "1")
+    Register(address).close()
 
 
 def test_a_newer_register_is_refused_and_left_as_it_is(address: str):
@@ -77,7 +67,7 @@ def test_a_newer_register_is_refused_and_left_as_it_is(address: str):
         Register(address)
     assert "9999" in str(refusal.value)
     assert "\n" not in str(refusal.value)
-    revised(address, "0004")
+    revised(address, "1")
     Register(address).close()
 
 

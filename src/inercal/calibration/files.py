@@ -7,8 +7,6 @@ list of errors of the bench that other calibrations may have too), `validity` (r
 `job` (texts by name), `conformity` (rule, result and limits, of [specification]),
 `bench_estimates` (a list of what the run itself shows of its bench), and `sha256`, the hash of the
 other keys. Unknown keys are omitted.
-
-Files of schema 1, without `shared`, `validity` and `job`, can be read too.
 """
 
 import hashlib
@@ -37,7 +35,6 @@ from inercal.sensors import SI_UNITS, Axis, Readout, Sensor
 from inercal.small_files import read_small_file
 
 SCHEMA = "inercal/calibration/2"
-_READABLE_SCHEMAS = (SCHEMA, "inercal/calibration/1")
 _KEY_ENDS = re.compile(r'"[ \t\r\n]*:')
 _NOT_JSON = "it is not JSON text; give a *.calibration.json file"
 _LARGEST = 16 << 20  # bytes; 24 coefficients need some 20 kilobytes
@@ -175,11 +172,11 @@ def parse(text: str, source: str) -> Calibration:
             f"{source}: not a calibration file: {_json_problem(text, error)}", file=source
         ) from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
-    if fields.get("schema") not in _READABLE_SCHEMAS:
-        read = " and ".join(map(repr, _READABLE_SCHEMAS))
+    if fields.get("schema") != SCHEMA:
         found = f"schema {fields['schema']!r}" if "schema" in fields else "it states no schema"
         raise InputError(
-            f"{source}: not a calibration file that this version reads: {found}; it reads {read}",
+            f"{source}: not a calibration file that this version reads: {found}; it reads "
+            f"{SCHEMA!r}",
             file=source,
             key="schema",
         )

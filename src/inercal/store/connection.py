@@ -20,6 +20,7 @@ from inercal.errors import InputError
 from inercal.store.address import RegisterAddress
 
 VERSION_TABLE = "inercal_version"
+_BEFORE_RELEASE = ("0001", "0002", "0003", "0004")  # revisions of the tables
 _LOCK_TIMEOUT = 30  # s
 # A server that disappears silently is detected within half a minute, not after hours.
 _KEEPALIVE_OPTIONS = {
@@ -125,8 +126,8 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
     Raises
     ------
     InputError
-        The tables are of a newer version, or of another program; with `create` false also where
-        the database is empty.
+        The tables are of a newer version, from before 0.1.0, or of another program; with `create`
+        false also where the database is empty.
     """
     config = _config()
     script = ScriptDirectory.from_config(config)
@@ -148,6 +149,14 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
         if revision == head:
             return
         known = {each.revision for each in script.walk_revisions()}
+        if revision is not None and revision in _BEFORE_RELEASE:
+            raise InputError(
+                f"register {address.display_url} was written before the first release of inercal, "
+                "and this version does not read it: import the calibration files into a new "
+                "register",
+                file=address.file,
+                key="--register",
+            )
         if revision is not None and revision not in known:
             raise InputError(
                 f"register {address.display_url}: its tables have revision {revision} of a newer "

@@ -1,4 +1,4 @@
-"""The tables of noise analyses in a register; with `migrations/versions/r0004_noise.py`."""
+"""The tables of noise analyses in a register. A change goes with a revision."""
 
 from sqlalchemy import Column, Double, ForeignKey, Integer, String, Table, Text
 
