@@ -24,7 +24,7 @@ NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
   tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py \
   tests/observe/test_norm*.py tests/design/test_path*.py tests/test_kernel_cache.py
 
-.PHONY: help demo quick test slow check bench evidence architecture glossary verbs dependencies pictures notebooks docs \
+.PHONY: help demo quick test slow check bench evidence numbers architecture glossary verbs dependencies pictures notebooks docs \
   lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -83,6 +83,9 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.systematic
 	$(BIN)/python -m tests.evidence.systematic_violations
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
+
+numbers: $(INSTALLED)  ## renew the record of all numbers of examples and studies, and print what changed most
+	$(BIN)/python -m tools.numbers --write
 
 architecture: $(INSTALLED)  ## draw the picture of the packages from their imports
 	$(BIN)/python -m tools.architecture
