@@ -20,7 +20,7 @@ import inercal
 from inercal.noise.channel_noise import ChannelNoise
 from inercal.recording import Recording
 
-RUNS = 12
+RUNS = 40
 DATA, PAGE = FOLDER / "filtered-noise.json", FOLDER / "filtered-noise.md"
 _FILTERS = {
     "none": FilteredTruth(),
