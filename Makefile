@@ -87,11 +87,11 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 numbers: $(INSTALLED)  ## renew the record of all numbers of examples and studies, and print what changed most
 	$(BIN)/python -m tools.numbers --write
 
-architecture: $(INSTALLED)  ## draw the picture of the packages from their imports
+architecture: $(INSTALLED)  ## draw the picture of the rooms from their imports, and list them in CONTRIBUTING
 	$(BIN)/python -m tools.architecture
 
 glossary: $(INSTALLED)  ## write the page of the terms
-	$(BIN)/python -m inercal.glossary > docs/reference/glossary.md
+	$(BIN)/python -m inercal.physics.glossary > docs/reference/glossary.md
 
 verbs: $(INSTALLED)  ## write the page of the verbs
 	$(BIN)/python -m tools.verbs_page

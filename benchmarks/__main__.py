@@ -9,7 +9,7 @@ import benchmarks
 from benchmarks import Row, Skipped
 from benchmarks._machine import machine
 from benchmarks._page import PAGE, speed_page
-from inercal.process_settings import prepare_process
+from inercal.basics.process_settings import prepare_process
 
 _WIDTHS = {"work": -64, "ours": 11, "peer": 11, "ratio": 7, "to reach": 8, "wall": 8, "cpu": 8}
 _HEAD = (

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from benchmarks import ROOT
-from inercal.parallel import available_cores
+from inercal.basics.parallel import available_cores
 
 _LIBRARIES = ("numpy", "scipy", "numba")
 

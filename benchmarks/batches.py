@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 import inercal
 from benchmarks import Duration, Row, best, fits
+from inercal.physics.plan import Turn, ferraris_plan
 from inercal.pipeline.batch import BatchCalibration
-from inercal.plan import Turn, ferraris_plan
 
 Array = NDArray[np.float64]
 SIZES = (100, 1_000, 10_000, 100_000)

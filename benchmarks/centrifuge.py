@@ -32,12 +32,12 @@ from tests.accuracy.centrifuge import (
 
 from benchmarks import Row, Skipped, best
 from benchmarks._compiled import library, pointer
+from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
 from inercal.methods.centrifuge_norm import ml
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import Sensor, triad
-from inercal.units import Measured
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor, triad
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 TRIALS, PEER_TRIALS = 4000, 200

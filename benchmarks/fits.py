@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares as scipy_least_squares
 
 from benchmarks import Row, best
-from inercal.estimate import Gaussian, Problem, least_squares
+from inercal.estimation import Gaussian, Problem, least_squares
 
 Array = NDArray[np.float64]
 TRIALS, PEER_TRIALS = 4000, 400

@@ -18,13 +18,13 @@ from tests.fleet.lines import TEMPLATE, make_line
 
 from benchmarks import Duration, Row, Skipped
 from benchmarks.start_up import processor_time
+from inercal.basics.parallel import available_cores, open_tolerant_executor
 from inercal.fleet import results
 from inercal.fleet.batch import BatchDone, Work
 from inercal.fleet.calibration import Counts, Scheduling
 from inercal.fleet.line import Line, SensorRow, read_line
 from inercal.fleet.recordings import Version
 from inercal.fleet.time_limit import TimeLimit
-from inercal.parallel import available_cores, open_tolerant_executor
 
 SENSORS, EACH = 2000, 1667  # recordings, samples of each position
 LOOP = 5  # calls of `inercal calibrate` by which a loop over the program is judged

@@ -27,17 +27,17 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 from benchmarks import DATA, ROOT, Row, Skipped, best
-from inercal.motion import Motion
+from inercal.physics.motion import Motion
 from inercal.pipeline import load_recording
-from inercal.recording import Recording
-from inercal.runfile import Run, read
-from inercal.segments import (
+from inercal.recordings import Recording
+from inercal.recordings.segments import (
     find_rests,
     holds_from_marks,
     observe,
     transitions_between_rests,
     valid_marks,
 )
+from inercal.runfile import Run, read
 
 Array = NDArray[np.float64]
 Ways = list[tuple[int, int]]

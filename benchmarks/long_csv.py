@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow.csv
 
 from benchmarks import Row
-from inercal.io.column_table import ReadRequest
-from inercal.io.text import read_text
+from inercal.recordings.io.column_table import ReadRequest
+from inercal.recordings.io.text import read_text
 
 ROWS = 500_000
 NAMES = ("time", "ax", "ay", "az", "gx", "gy", "gz")

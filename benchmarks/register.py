@@ -15,7 +15,7 @@ import numpy as np
 import inercal
 from benchmarks import Row, Skipped
 from inercal.calibration import Calibration
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 COUNT = 10_000
 AT_ONCE = 1_000

@@ -28,7 +28,7 @@ from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.methods.turntable_kalman.sequential import FilterPair
-from inercal.recording import Track
+from inercal.recordings import Track
 
 Array = NDArray[np.float64]
 CODE = Path(__file__).with_name("gyro_filter.cpp")

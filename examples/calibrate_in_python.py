@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import inercal
-from inercal.units import format_quantity
+from inercal.basics.units import format_quantity
 
 run_file = Path(__file__).parent / "six_position" / "run.toml"
 outcome = inercal.calibrate(run_file)

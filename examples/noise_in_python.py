@@ -3,8 +3,8 @@
 import numpy as np
 
 import inercal
-from inercal.recording import Recording
-from inercal.sensors.noise import Noise
+from inercal.physics.sensors.noise import Noise
+from inercal.recordings import Recording
 
 RATE = 10.0  # Hz
 GYRO = Noise(white=4.4e-5, bias_instability=2.4e-5)  # rad/s/√Hz (0.15 °/√h), rad/s (5 °/h)

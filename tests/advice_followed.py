@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import inercal
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
+from inercal.basics.run_file_advice import Advice
 from inercal.pipeline import Outcome
-from inercal.run_file_advice import Advice
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from inercal.errors import InercalError, InputError
+from inercal.basics.errors import InercalError, InputError
 
 
 @contextmanager

@@ -11,15 +11,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from inercal.basics.errors import InputError
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.paths import path_by_name
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods import Method, PartialEstimate
-from inercal.plan import TableStep
-from inercal.recording import Observations, Track
-from inercal.sensors import Sensor
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations, Track
 
 _LEAST = 100  # samples
 _AXES = 3

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.refusals import refused
 
-from inercal.earth import (
+from inercal.physics.earth import (
     EARTH_RATE,
     earth_rate_up_north,
     gravity_at_unknown_height,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tests.refusals import refused
 
-from inercal.frames import (
+from inercal.physics.frames import (
     attitude_from_vertical,
     decompose_symmetric,
     decompose_triangular,

@@ -5,8 +5,8 @@ import re
 from pathlib import Path
 
 import inercal
-from inercal.glossary import find_term, glossary, glossary_markdown
-from inercal.sensors.coefficient_tables import TABLES
+from inercal.physics.glossary import find_term, glossary, glossary_markdown
+from inercal.physics.sensors.coefficient_tables import TABLES
 
 SOURCE = Path(inercal.__file__).parent
 PAGE = Path(__file__).parents[1] / "docs" / "reference" / "glossary.md"

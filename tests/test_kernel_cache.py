@@ -11,7 +11,7 @@ import pytest
 from numba.core.caching import UserWideCacheLocator
 from numba.misc.appdirs import AppDirs
 
-from inercal.kernel_cache import cache_folder, link_kernels, user_cache
+from inercal.basics.kernel_cache import cache_folder, link_kernels, user_cache
 
 MODULE = """
 from numba import njit
@@ -36,7 +36,7 @@ CALL = """
 import sys
 sys.path.insert(0, PACKAGE_PARENT)
 import inercal  # of a writable tree: links nothing here
-from inercal.kernel_cache import prepare_kernel_cache
+from inercal.basics.kernel_cache import prepare_kernel_cache
 folder = prepare_kernel_cache(PACKAGE)
 from kernels.one import doubled
 assert doubled(ARGUMENT) == 2 * ARGUMENT

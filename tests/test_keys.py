@@ -9,34 +9,33 @@ from pathlib import Path
 import pytest
 
 import inercal
-from inercal.keys import CoefficientName, ErrorName, ObservationName
+from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
 
 SOURCE = Path(inercal.__file__).parent
 # Modules, files and numbers are taken apart at their dots; no names of this project.
 OTHER_TEXT = {
     # Sections of a run file, "sensor.gyro".
-    "run_file_advice.py",
-    "keys.py",
-    "errors.py",
+    "basics/run_file_advice.py",
+    "basics/keys.py",
+    "basics/errors.py",
     # Names of files.
     "cli/certificate_commands.py",
     "cli/import_command.py",
     "export/readers/__init__.py",
-    "units/quantity.py",
+    "basics/units/quantity.py",
     "host/web/app.py",
     "runfile/filter_fields.py",
     # Columns of a log, "topic[1].field", and keys of a run file, "data.rate".
-    "drafts/__init__.py",
-    "drafts/column_names.py",
-    "drafts/draft_entries.py",
+    "pipeline/drafts/__init__.py",
+    "pipeline/drafts/column_names.py",
+    "pipeline/drafts/draft_entries.py",
     "fleet/line.py",
-    "drafts/stated_keys.py",
-    "io/dataflash.py",
-    "io/message_columns.py",
-    "io/ulog.py",
-    "io/ulog_scan.py",
+    "pipeline/drafts/stated_keys.py",
+    "recordings/io/dataflash.py",
+    "recordings/io/message_columns.py",
+    "recordings/io/ulog.py",
     # Names of modules, and a cookie, "number.signature".
-    "io/isolation.py",
+    "recordings/io/isolation.py",
     "host/web/access.py",
 }
 

@@ -10,7 +10,7 @@ FAULTS = """
 import gc, resource, sys
 import numpy as np
 import inercal, inercal.__main__
-from inercal.process_settings import prepare_process
+from inercal.basics.process_settings import prepare_process
 
 def faults():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.recording import Finding, Observations, Recording
+from inercal.recordings import Finding, Observations, Recording
 
 
 def recording(**changes: object) -> Recording:

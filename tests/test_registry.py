@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.registry import Registry
 from inercal.methods import METHODS
-from inercal.registry import Registry
 
 OWN = {"plain": "json:dumps", "missing": "inercal.none:NONE"}
 

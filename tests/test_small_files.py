@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.small_files import DEEPEST, LARGEST, parse_toml, read_small_file, read_toml
 from inercal.host.packets.description import read_layout
 from inercal.runfile import read
-from inercal.small_files import DEEPEST, LARGEST, parse_toml, read_small_file, read_toml
 
 READERS = [read, read_layout, read_toml]
 

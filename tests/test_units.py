@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.refusals import refused
 
-from inercal.errors import InputError
-from inercal.units import Measured, format_quantity, parse_quantity, si_factor, to_si
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured, format_quantity, parse_quantity, si_factor, to_si
 
 G = 9.80665
 ARCSEC = pi / 648000

@@ -1,4 +1,4 @@
-"""Draw the packages by layers, with their imports: ``python -m tools.architecture``.
+"""Draw the rooms by layers, with their imports, and list them: ``python -m tools.architecture``.
 
 Layers are those of import-linter in pyproject.toml, from high to low; the imports are those of the
 import graph. An import that others imply is left out: where a imports b and b imports c, the arc
@@ -14,6 +14,8 @@ import grimp
 
 ROOT = Path(__file__).parents[1]
 PICTURE = ROOT / "docs" / "images" / "architecture.svg"
+MAP = ROOT / "CONTRIBUTING.md"
+_BEGIN, _END = "<!-- rooms -->\n", "<!-- /rooms -->\n"
 _ROW, _BOX, _LEFT, _WIDTH, _TOP = 30, 130, 210, 1000, 12  # pixels
 _STYLE = """text { font: 14px system-ui, sans-serif; fill: #1c2430 }
 .what { fill: #5d6876; font-size: 13px }
@@ -41,7 +43,7 @@ def imports() -> dict[str, set[str]]:
     for module in graph.modules:
         for imported in graph.find_modules_directly_imported_by(module):
             ends = [one.split(".")[1] for one in (module, imported) if "." in one]
-            if len(ends) == 2 and ends[0] != ends[1]:
+            if len(ends) == 2 and ends[0] != ends[1] and ends[0] in direct:  # not __main__
                 direct[ends[0]].add(ends[1])
     reached: dict[str, set[str]] = {}
     for name in reversed(names):  # what is imported stands lower
@@ -68,7 +70,7 @@ def picture() -> str:
     height = 2 * _TOP + _ROW * len(rows)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}" role="img">',
-        "<title>The packages of inercal from high to low, and what each imports</title>",
+        "<title>The rooms of inercal from high to low, and what each imports</title>",
         f"<style>{_STYLE}</style>",
     ]
     for name, ends in imports().items():
@@ -93,6 +95,17 @@ def picture() -> str:
     return "\n".join([*parts, "</svg>\n"])
 
 
+def with_map(page: str) -> str:
+    """Return the text of `MAP` with its table of the rooms renewed."""
+    rows = [
+        f"| [`{name}`](src/inercal/{name}) | {summary(name)} |" for one in layers() for name in one
+    ]
+    before, _, rest = page.partition(_BEGIN)
+    table = "\n".join(["| room | what it holds |", "|---|---|", *rows])
+    return f"{before}{_BEGIN}\n{table}\n\n{_END}{rest.partition(_END)[2]}"
+
+
 if __name__ == "__main__":
     PICTURE.write_text(picture(), encoding="utf-8")
-    print(f"wrote {PICTURE.relative_to(ROOT)}")
+    MAP.write_text(with_map(MAP.read_text(encoding="utf-8")), encoding="utf-8")
+    print(f"wrote {PICTURE.relative_to(ROOT)} and the map in {MAP.relative_to(ROOT)}")

@@ -24,7 +24,7 @@ from inercal.fleet.inputs import INSTALLED
 from inercal.fleet.line import Line, SensorRow
 from inercal.fleet.recordings import ABSENT
 from inercal.fleet.registration import enter_results
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 ROOT = Path(__file__).parents[1]
 RUN_FILE = ROOT / "examples" / "six_position" / "run.toml"

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import inercal.self_check as known
+import inercal.pipeline.self_check as known
 
 ANSWERS = Path(known.__file__).parent / "answers.json"
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from inercal.basics.units import format_quantity, parse_quantity
 from inercal.benches import Centrifuge
-from inercal.io.read import read_table
 from inercal.methods.centrifuge_norm import ml
 from inercal.methods.centrifuge_norm.screening import screen_rows
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import Readout, triad
-from inercal.units import format_quantity, parse_quantity
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Readout, triad
+from inercal.recordings import Observations
+from inercal.recordings.io.read import read_table
 
 table = read_table(Path(__file__).parent / "dwells.csv")
 volts = np.stack([table.numbers(name) for name in ("ax", "ay", "az")], axis=-1)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import inercal
-from inercal.comparison import compare
+from inercal.calibration.comparison import compare
 
 examples = Path(__file__).parent.parent
 calibration = inercal.calibrate(examples / "six_position" / "run.toml").calibration

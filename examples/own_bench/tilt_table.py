@@ -14,6 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from inercal.basics.errors import InputError
+from inercal.basics.keys import ErrorName
+from inercal.basics.parameters import Parameter, local_gravity
+from inercal.basics.units import Measured, format_quantity
 from inercal.benches import MeanMotion
 from inercal.benches.contract import SensorSimulation, SimulatedMotion
 from inercal.benches.key_declarations import (
@@ -24,25 +28,21 @@ from inercal.benches.key_declarations import (
 )
 from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
-from inercal.data import DataSection, EstimatorInput, ReadbackColumn, Source, unit_size
-from inercal.data.recording_loader import (
+from inercal.methods import Method
+from inercal.methods.mean_problem import joint
+from inercal.physics.motion import Motion
+from inercal.physics.section_settings import BenchSection
+from inercal.physics.sensors import Sensor
+from inercal.recordings.data import DataSection, EstimatorInput, ReadbackColumn, Source, unit_size
+from inercal.recordings.data.recording_loader import (
     load_recording,
     readback_columns,
     readback_units,
     reader_columns,
     stated_deviations,
 )
-from inercal.errors import InputError
-from inercal.io.mean_tables import observations_from_table, read_columns
-from inercal.keys import ErrorName
-from inercal.methods import Method
-from inercal.methods.mean_problem import joint
-from inercal.motion import Motion
-from inercal.parameters import Parameter, local_gravity
-from inercal.section_settings import BenchSection
-from inercal.segments import marks_from_labels, observe
-from inercal.sensors import Sensor
-from inercal.units import Measured, format_quantity
+from inercal.recordings.io.mean_tables import observations_from_table, read_columns
+from inercal.recordings.segments import marks_from_labels, observe
 
 Array = NDArray[np.float64]
 Plane = Literal["xz", "yz"]

@@ -12,10 +12,10 @@ import numpy as np
 
 import inercal
 from inercal.calibration import Calibration
-from inercal.store import Register
-from inercal.store.recalibration import recalibration
-from inercal.store.recalibration_text import interval_text, recalibration_lines
-from inercal.store.type_pool import type_pool
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.recalibration import recalibration
+from inercal.laboratory.store.recalibration_text import interval_text, recalibration_lines
+from inercal.laboratory.store.type_pool import type_pool
 
 rng = np.random.default_rng(1)
 positions = ["x_p", "x_a", "y_p", "y_a", "z_p", "z_a"]

@@ -5,14 +5,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import inercal
-from inercal.comparison.comparison_text import format_en
-from inercal.io.write import write_recording
+from inercal.calibration.comparison.comparison_text import format_en
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.history_text import drift_text, format_point, history_lines
+from inercal.physics.sensors import G0
 from inercal.pipeline import apply_data_columns, simulate
+from inercal.recordings.io.write import write_recording
 from inercal.report import write_history
 from inercal.runfile import read
-from inercal.sensors import G0
-from inercal.store import Register
-from inercal.store.history_text import drift_text, format_point, history_lines
 
 run = read(Path(__file__).parents[1] / "ferraris_simulated" / "run.toml")
 # Known of the sensor: U need not hold what the slopes within the rests leave open.

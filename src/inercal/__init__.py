@@ -19,14 +19,14 @@ The names below are loaded when they are first used, so that the command line st
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from inercal.kernel_cache import prepare_kernel_cache
+from inercal.basics.kernel_cache import prepare_kernel_cache
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
     from inercal.calibration.files import load, save
-    from inercal.demonstration import demo
     from inercal.export import export_calibration
     from inercal.export.readers import import_calibration
+    from inercal.host.demonstration import demo
     from inercal.noise import analyse_noise
     from inercal.pipeline import Outcome, apply, calibrate, simulate
     from inercal.pipeline.batch import calibrate_batch
@@ -39,7 +39,7 @@ _EXPORT_MODULES = {
     "apply": "inercal.pipeline",
     "calibrate": "inercal.pipeline",
     "calibrate_batch": "inercal.pipeline.batch",
-    "demo": "inercal.demonstration",
+    "demo": "inercal.host.demonstration",
     "export_calibration": "inercal.export",
     "import_calibration": "inercal.export.readers",
     "load": "inercal.calibration.files",

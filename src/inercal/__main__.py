@@ -5,7 +5,7 @@ Worker processes import this module; they need no verb.
 
 import sys
 
-from inercal.process_settings import prepare_process
+from inercal.basics.process_settings import prepare_process
 
 
 def main() -> None:

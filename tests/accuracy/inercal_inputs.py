@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy.ferraris import CHANNELS, FerrarisSession, Handling, Imu
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.plan import HandStep, Hold, Turn
-from inercal.recording import Mark, Observations, Recording
-from inercal.segments import observe
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Mark, Observations, Recording
+from inercal.recordings.segments import observe
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from tests.accuracy.arm_runs import record
 from tests.accuracy.centrifuge import PAPER_G, Triad, full_circle
 from tests.base_seeds import SLOW_SEEDS
 
+from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
 from inercal.methods.centrifuge_norm import ml
-from inercal.recording import Recording
-from inercal.segments import average_dwells, find_dwells
-from inercal.sensors import Readout, triad
-from inercal.units import Measured
+from inercal.physics.sensors import Readout, triad
+from inercal.recordings import Recording
+from inercal.recordings.segments import average_dwells, find_dwells
 
 DEVICE = Triad()
 NOMINAL = 1.25

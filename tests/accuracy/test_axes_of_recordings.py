@@ -21,11 +21,11 @@ from tests.accuracy.test_generated_recordings import calibrated, session
 from tests.base_seeds import SEEDS
 from tests.refusals import refused
 
-from inercal.drafts import draft_run_file
-from inercal.errors import InputError
-from inercal.recording import Mark, Recording
-from inercal.segments.gravity_turns import TurnVerdict, judge_turns, read_gravity_turns
-from inercal.sensors import Axis, Sensor
+from inercal.basics.errors import InputError
+from inercal.physics.sensors import Axis, Sensor
+from inercal.pipeline.drafts import draft_run_file
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments.gravity_turns import TurnVerdict, judge_turns, read_gravity_turns
 
 Array = NDArray[np.float64]
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -20,9 +20,9 @@ from tests.evidence.coarse_thermometers import (
 from tests.reports import report_file
 
 import inercal
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.environment import Environment
-from inercal.errors import NotObserved
 from inercal.methods.temperature_ramp import ramp, rest
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.thermometer_steps import (
@@ -30,7 +30,7 @@ from inercal.methods.temperature_ramp.thermometer_steps import (
     is_one_exponential,
     thermometer_step,
 )
-from inercal.units import Measured
+from inercal.recordings.environment import Environment
 
 DEG_H = np.pi / 180 / 3600
 

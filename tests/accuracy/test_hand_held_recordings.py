@@ -18,7 +18,7 @@ from inercal.methods.multi_position import joint
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.row_whitening import whitener, whitener_with_drift
 from inercal.pipeline import Outcome
-from inercal.recording import Observations
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]

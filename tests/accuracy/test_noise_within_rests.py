@@ -14,8 +14,8 @@ from tests.accuracy.inercal_inputs import make_bench, make_marks, recording, tru
 
 from inercal.calibration.grade import assess
 from inercal.methods import METHODS
-from inercal.segments import observe
-from inercal.sensors import imu
+from inercal.physics.sensors import imu
+from inercal.recordings.segments import observe
 
 Array = NDArray[np.float64]
 HANDS = Handling(gravity_sd=2e-4, tilt=0.3 * DEGREE)

@@ -6,15 +6,15 @@ from tests.accuracy import ramps
 from tests.base_seeds import SLOW_SEEDS
 from tests.evidence import temperature_ramps
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.environment import Environment
 from inercal.methods.temperature_ramp import ramp, rest
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.ramp_model import ramp_model
 from inercal.methods.temperature_ramp.ramp_remarks import hysteresis, lag_and_rate_correlation
-from inercal.segments.drift import drift_covariance, even_drift_covariance
-from inercal.sensors import Noise
-from inercal.units import Measured
+from inercal.physics.sensors import Noise
+from inercal.recordings.environment import Environment
+from inercal.recordings.segments.drift import drift_covariance, even_drift_covariance
 
 UP_AND_DOWN = "up and down, 2 × 30 min"
 UP = "up, 30 min"

@@ -8,7 +8,7 @@ from tests.accuracy import soaks
 from tests.base_seeds import SEEDS
 from tests.evidence import temperature_soaks
 
-from inercal.environment import Environment
+from inercal.recordings.environment import Environment
 
 Array = NDArray[np.float64]
 

@@ -18,19 +18,19 @@ from tests.accuracy.inercal_inputs import make_bench, make_hold
 from tests.base_seeds import SEEDS, SLOW_SEEDS
 from tests.methods import turntable_cases
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
 from inercal.methods.hand_likelihood import ml
-from inercal.recording import Mark, Observations, Recording
-from inercal.segments import (
+from inercal.physics.sensors import Sensor, imu
+from inercal.recordings import Mark, Observations, Recording
+from inercal.recordings.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
     transitions_between_rests,
 )
-from inercal.sensors import Sensor, imu
-from inercal.units import Measured
 
 Array = NDArray[np.float64]
 DEVICES = 100

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.units import parse_quantity
 from inercal.benches import MeanBench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
-from inercal.data import DataSection
-from inercal.io.write import write_recording
 from inercal.methods import METHODS
 from inercal.pipeline import Outcome, calibrate, simulate_files
+from inercal.recordings.data import DataSection
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
-from inercal.units import parse_quantity
 
 # What a laboratory states beside the keys that a kind of bench cannot do without: so little that
 # what errors do to the means is linear in them.

@@ -17,13 +17,13 @@ from tests.benches.generated_runs import kind_for, simulate_run, write_run
 from tests.noise.generator import MEMS, draw
 from tests.reports import report_file
 
-from inercal.arrays import Array
-from inercal.drafts import draft_run_file
-from inercal.io.frames import recording_from_frame
-from inercal.io.table_recording import Columns
+from inercal.basics.arrays import Array
 from inercal.methods import METHODS
 from inercal.noise import analyse_noise
 from inercal.pipeline import calibrate, load_recording
+from inercal.pipeline.drafts import draft_run_file
+from inercal.recordings.io.frames import recording_from_frame
+from inercal.recordings.io.table_recording import Columns
 from inercal.runfile import read
 
 START = 1_700_000_000_123_000_000  # ns since 1970

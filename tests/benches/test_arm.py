@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
 from inercal.benches.centrifuge.arm_motion import sensed_motion, specific_force_norm
 from inercal.benches.centrifuge.bench import attitude_names
-from inercal.earth import EARTH_RATE
-from inercal.plan import Spin, arm_attitude
-from inercal.units import Measured
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.plan import Spin, arm_attitude
 
 SPINS = [Spin("slow", 3.0), Spin("fast", 18.0), Spin("back", -18.0)]
 BENCH = Centrifuge(

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from inercal.basics.keys import ErrorName
+from inercal.basics.units import Measured, parse_quantity
 from inercal.benches import MeanBench
 from inercal.benches.key_declarations import declarations, declared_parameters
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS, kind_for_bench
-from inercal.keys import ErrorName
 from inercal.methods import METHODS, Method
-from inercal.sensors import Sensor, imu, triad
-from inercal.units import Measured, parse_quantity
+from inercal.physics.sensors import Sensor, imu, triad
 
 Array = NDArray[np.float64]
 GRAVITY = Measured(9.81, 1e-4)
@@ -168,8 +168,8 @@ def test_a_simulation_lasts_no_longer_than_the_kind_says(kind: str, method: str)
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_plan_of_another_kind_has_no_budget_there(kind: str) -> None:
-    from inercal.budget.plan_requirements import require_budget_plan
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
+    from inercal.pipeline.budget.plan_requirements import require_budget_plan
 
     bench = bench_of(KINDS[kind])
     for other, name in plans():

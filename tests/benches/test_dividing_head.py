@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import (
     DividingHead,
     mounted_sensor,
@@ -16,7 +17,6 @@ from inercal.benches.dividing_head.bench import (
     sensed_motion,
 )
 from inercal.benches.dividing_head.passes import drift_ramps, missing_cardinal_angles, pass_numbers
-from inercal.units import Measured
 
 BENCH = DividingHead(Measured(9.8, 1e-5), (1e-5, 1e-5), 1e-5, 5e-7, base=1e-5, pier=1e-7, lean=1e-4)
 

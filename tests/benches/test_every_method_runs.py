@@ -23,11 +23,11 @@ from tests.benches.generated_runs import (
 from tests.external_bench import register_example_bench
 from tests.refusals import refused
 
-from inercal.budget import budget
-from inercal.budget.experiment_from_runfile import experiment_from_run
-from inercal.design.worksheet import build_worksheet, worksheet_csv
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.methods import METHODS
+from inercal.pipeline.budget import budget
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.pipeline.design.worksheet import build_worksheet, worksheet_csv
 from inercal.report import write_report
 from inercal.runfile import read
 

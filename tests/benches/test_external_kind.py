@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from tests.external_bench import FOLDER, register_example_bench
 
-from inercal.budget import budget
-from inercal.budget.experiment_from_runfile import experiment_from_run
-from inercal.design.worksheet import build_worksheet, worksheet_csv
-from inercal.io.write import write_recording
 from inercal.pipeline import calibrate, simulate, simulate_files
+from inercal.pipeline.budget import budget
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.pipeline.design.worksheet import build_worksheet, worksheet_csv
+from inercal.recordings.io.write import write_recording
 from inercal.report import write_report
 from inercal.runfile import read
 

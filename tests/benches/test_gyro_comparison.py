@@ -14,14 +14,14 @@ from tests.accuracy.turntable import Table, simulate_travel
 from tests.evidence import sensor_models
 from tests.evidence.cases import turntable as case
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.gyro_comparison import (
     GyroComparison,
     ReadbackDifference,
     gyro_comparison_findings,
 )
-from inercal.recording import Track
+from inercal.recordings import Track
 from inercal.runfile import Run, read
 
 HZ, RATE = 100.0, 30.0

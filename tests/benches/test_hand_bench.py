@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand, MeanMotion
 from inercal.benches.hand.bench import DEGREE, sensed_motion, tangent_vectors, tilted_direction
-from inercal.earth import EARTH_RATE
-from inercal.plan import AXES, HandStep, Hold, Turn, Vector, ferraris_plan
-from inercal.units import Measured
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.plan import AXES, HandStep, Hold, Turn, Vector, ferraris_plan
 
 Array = NDArray[np.float64]
 SKEW_UP: Vector = (2 / 3, -1 / 3, 2 / 3)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal import frames
+from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import DEGREE, sensed_motion
 from inercal.benches.hand.simulation import simulate_hand_motion
-from inercal.plan import HandStep, Hold, Turn, ferraris_plan, six_positions
-from inercal.units import Measured
+from inercal.physics import frames
+from inercal.physics.plan import HandStep, Hold, Turn, ferraris_plan, six_positions
 
 Array = NDArray[np.float64]
 STEPS = ferraris_plan(seconds=3.0, turn_seconds=4.0)

@@ -8,7 +8,7 @@ import pytest
 from tests.refusals import refused
 
 from inercal.benches.turntable.reading.host_readback import read_host_readback
-from inercal.recording import Recording
+from inercal.recordings import Recording
 
 ROWS = 5
 

@@ -15,11 +15,11 @@ from tests.refusals import refused
 from inercal.benches.rate_platform.kind import KIND
 from inercal.benches.rate_platform.section_finder import find_sections
 from inercal.benches.rate_platform.sections import KnownTurn, RateDwell, step_of_label
-from inercal.io.write import write_recording
+from inercal.physics.sensors import triad
 from inercal.pipeline import apply_data_columns, calibrate, simulate
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
-from inercal.sensors import triad
 
 Array = NDArray[np.float64]
 HZ = 50.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.kind import KIND
 from inercal.benches.rate_platform.linearity import straight_lines
@@ -20,14 +21,13 @@ from inercal.benches.rate_platform.sections import (
     step_of_label,
     whole_turns,
 )
-from inercal.earth import EARTH_RATE
-from inercal.io.write import write_recording
-from inercal.motion import Motion
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import imu, triad
 from inercal.pipeline import apply_data_columns, simulate
-from inercal.recording import Observations
+from inercal.recordings import Observations
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
-from inercal.sensors import imu, triad
-from inercal.units import Measured
 
 G, LATITUDE = 9.81, 0.8
 BENCH = RatePlatform(

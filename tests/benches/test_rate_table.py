@@ -9,6 +9,7 @@ import pytest
 from tests.accuracy import rate_table as made
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches.rate_table.bench import (
     RateTable,
     force_sensitivities,
@@ -24,8 +25,7 @@ from inercal.benches.rate_table.fixture import (
     multi_angle_plan,
     planar_plan,
 )
-from inercal.plan import Spin
-from inercal.units import Measured
+from inercal.physics.plan import Spin
 
 BENCH = RateTable(Measured(9.8, 1e-3), Measured(0.25, 1e-4), 5e-4, 3e-3, 1e-4, 5e-4, 1e-3)
 AT_86 = 0.25 * (86 * RPM) ** 2 / 9.8

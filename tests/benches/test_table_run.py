@@ -6,6 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 
+from inercal.basics.units import Measured
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import RPM, group_by_mounting, multi_angle_plan, planar_plan
 from inercal.benches.rate_table.simulation import (
@@ -14,7 +15,6 @@ from inercal.benches.rate_table.simulation import (
     table_plan_duration,
 )
 from inercal.methods.ship_multi_angle import plan
-from inercal.units import Measured
 
 LEVEL = RateTable(Measured(9.8, 1e-3), Measured(0.25, 3e-4), 5e-4, 3e-3, 1e-4, 5e-4)
 EXACT = RateTable(Measured(9.8, 0.0), Measured(0.25, 0.0))

@@ -9,6 +9,7 @@ import pytest
 from tests.accuracy import turntable as made
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import (
     ideal_readback,
@@ -18,9 +19,8 @@ from inercal.benches.turntable.attitude import (
     true_attitude,
 )
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
-from inercal.earth import EARTH_RATE
-from inercal.frames import log_so3
-from inercal.units import Measured
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.frames import log_so3
 
 ARCSEC = radians(1 / 3600)
 BENCH = Turntable(

@@ -8,14 +8,14 @@ import pytest
 from tests.accuracy import turntable as made
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.path_file import read_path
 from inercal.benches.turntable.paths import PATHS, discrete_path, fast_path, paper_path
 from inercal.benches.turntable.simulation import path_profile, turntable_path_duration
-from inercal.errors import InputError
-from inercal.plan import Position, Rotation
-from inercal.units import Measured
+from inercal.physics.plan import Position, Rotation
 
 BENCH = Turntable(Measured(9.81, 0.0), radians(38))
 AXES = BENCH.names

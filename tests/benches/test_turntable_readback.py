@@ -8,11 +8,11 @@ import pytest
 from tests.qualification.test_bench_keys import qualification_of
 from tests.runfile.key_sweep import Content, example, toml
 
-from inercal.errors import InputError
-from inercal.io.write import write_recording
+from inercal.basics.errors import InputError
+from inercal.benches.qualification.qualification_file import save
 from inercal.methods import METHODS
 from inercal.pipeline import apply_data_columns, calibrate, simulate
-from inercal.qualification.qualification_file import save
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
 
 Change = tuple[str, str, object]

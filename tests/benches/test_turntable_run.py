@@ -9,6 +9,7 @@ import pytest
 from tests.accuracy import turntable as made
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import true_attitude
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
@@ -17,8 +18,7 @@ from inercal.benches.turntable.simulation import (
     simulate_turntable_motion,
     turntable_path_duration,
 )
-from inercal.plan import Position, Rotation, TableStep
-from inercal.units import Measured
+from inercal.physics.plan import Position, Rotation, TableStep
 
 ARCSEC = radians(1 / 3600)
 HOME = (0.0, 0.0, 0.0)

@@ -10,14 +10,14 @@ from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, Triad
 from tests.methods.test_centrifuge_norm import NOISE, NOMINAL, sensor
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
-from inercal.budget import Budget, Experiment, budget
-from inercal.budget.contributions import effect_shifts, first_order_contributions
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.centrifuge_norm import ml, series
 from inercal.methods.centrifuge_norm.arm_plans import plan
-from inercal.plan import Spin
-from inercal.units import Measured
+from inercal.physics.plan import Spin
+from inercal.pipeline.budget import Budget, Experiment, budget
+from inercal.pipeline.budget.contributions import effect_shifts, first_order_contributions
 
 Array = NDArray[np.float64]
 ARCSEC = pi / 648_000

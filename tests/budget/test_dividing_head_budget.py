@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from tests.accuracy.dividing_head import ARCSEC
 
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import (
     CollimationMode,
     DividingHead,
     mounted_sensor,
     position_plan,
 )
-from inercal.budget import Experiment, budget
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.dual_orthogonal import joint, patent
-from inercal.sensors import G0
-from inercal.units import Measured
+from inercal.physics.sensors import G0
+from inercal.pipeline.budget import Experiment, budget
 
 SENSOR = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
 PRIORS = (

@@ -9,17 +9,21 @@ import pytest
 from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.budget import Experiment, budget
-from inercal.budget.contribution_table import budget_as_dict, contribution_rows
-from inercal.budget.contributions import effect_shifts, first_order_contributions, sample_deviation
-from inercal.budget.experiment_from_runfile import experiment_from_run
-from inercal.errors import InputError
 from inercal.methods import method
-from inercal.plan import six_positions
+from inercal.physics.plan import six_positions
+from inercal.physics.sensors import triad
+from inercal.pipeline.budget import Experiment, budget
+from inercal.pipeline.budget.contribution_table import budget_as_dict, contribution_rows
+from inercal.pipeline.budget.contributions import (
+    effect_shifts,
+    first_order_contributions,
+    sample_deviation,
+)
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
 from inercal.runfile import read
-from inercal.sensors import triad
-from inercal.units import Measured
 
 G, SD_G = 9.81, 2e-4
 BENCH = Hand(Measured(G, SD_G), tilt=radians(0.1))

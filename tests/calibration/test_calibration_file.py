@@ -17,8 +17,8 @@ from tests.refusals import refused
 
 from inercal.calibration import Calibration, SharedError, Validity
 from inercal.calibration.files import canonical_text, load, parse, save
-from inercal.frames import exp_so3
-from inercal.sensors import G0, Readout, imu
+from inercal.physics.frames import exp_so3
+from inercal.physics.sensors import G0, Readout, imu
 
 
 def calibration(seed: int = 1) -> Calibration:

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from tests.refusals import refused
 
+from inercal.basics.errors import NotInvertible
 from inercal.calibration import Calibration
-from inercal.errors import NotInvertible
-from inercal.motion import Motion
-from inercal.recording import Recording
-from inercal.sensors import G0, Readout, Sensor, cluster, imu, triad
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, Readout, Sensor, cluster, imu, triad
+from inercal.recordings import Recording
 
 Array = NDArray[np.float64]
 LSB = Readout(2048 / G0, 12.0, "LSB", 32768.0)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from tests.refusals import refused
 
 from inercal.calibration import Calibration, ConvertedCoefficients, SharedError
-from inercal.motion import Motion
-from inercal.sensors import G0, Readout, Sensor, imu, pair, triad
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, Readout, Sensor, imu, pair, triad
 
 Array = NDArray[np.float64]
 LSB = Readout(2000 / G0, 12.0, "LSB")

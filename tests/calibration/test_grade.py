@@ -9,11 +9,11 @@ import pytest
 
 from inercal.calibration import grade, verdict_object
 from inercal.calibration.verdict import verdict
-from inercal.estimate import Candidate, Estimate, ModelTest, Problem, least_squares
-from inercal.estimate.residual_scatter import ScatterModel
-from inercal.estimate.result import ResidualGroup
-from inercal.recording import Finding, RoundedChannel
-from inercal.sensors import G0, triad
+from inercal.estimation import Candidate, Estimate, ModelTest, Problem, least_squares
+from inercal.estimation.residual_scatter import ScatterModel
+from inercal.estimation.result import ResidualGroup
+from inercal.physics.sensors import G0, triad
+from inercal.recordings import Finding, RoundedChannel
 
 SENSOR = triad("t", "f", "a").with_coefficients("bias", "scale")
 SD = 1e-4 * G0

@@ -3,9 +3,9 @@
 import numpy as np
 
 from inercal.calibration.verdict import verdict
-from inercal.estimate import Estimate
-from inercal.recording import Finding, merge_findings, merge_messages
-from inercal.sensors import Sensor
+from inercal.estimation import Estimate
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, merge_findings, merge_messages
 
 
 def warned(*findings: Finding) -> tuple[tuple[str, ...], tuple[str, ...]]:

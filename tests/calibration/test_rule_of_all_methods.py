@@ -26,10 +26,10 @@ from tests.benches.generated_runs import (
 from tests.external_bench import register_example_bench
 
 from inercal.calibration.files import load, save
-from inercal.design.worksheet import build_worksheet, worksheet_csv
-from inercal.estimate.noise_scale import WhitenedRows, noise_scale
+from inercal.estimation.noise_scale import WhitenedRows, noise_scale
 from inercal.methods import METHODS
 from inercal.pipeline import Outcome, calibrate
+from inercal.pipeline.design.worksheet import build_worksheet, worksheet_csv
 from inercal.runfile import read
 
 LEVEL, MOST_SCATTER, MOST_SHIFT, LEAST_FACTOR = 0.01, 2.0, 1.0, 1.3

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import inercal
-from inercal.bundles import reproduce_bundle
+from inercal.benches.qualification.qualification_file import load as load_qualification
 from inercal.calibration.check_standard import load_check_standard
 from inercal.calibration.files import load
 from inercal.calibration.next_use import load_next_use
-from inercal.qualification.qualification_file import load as load_qualification
+from inercal.pipeline.bundles import reproduce_bundle
 
 STORED = Path(__file__).with_name("stored")
 _SCHEMA = re.compile(r'"inercal/(\w+)/(\d+)"')

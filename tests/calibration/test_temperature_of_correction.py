@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration, Validity
-from inercal.errors import InputError
 from inercal.methods import METHODS
-from inercal.recording import Recording
-from inercal.sensors import Noise, Readout, triad
-from inercal.units import ZERO_CELSIUS
+from inercal.physics.sensors import Noise, Readout, triad
+from inercal.recordings import Recording
 
 READING = np.array([[0.1, -0.2, 9.8]])
 

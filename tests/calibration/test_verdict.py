@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from inercal.calibration.verdict import verdict
-from inercal.estimate import Estimate
-from inercal.recording import Finding
-from inercal.sensors import G0, Sensor, imu, triad
+from inercal.estimation import Estimate
+from inercal.physics.sensors import G0, Sensor, imu, triad
+from inercal.recordings import Finding
 
 SENSOR = triad("t", "f", "a").with_coefficients("bias", "scale")
 

@@ -16,21 +16,20 @@ from tests.refusals import refused
 
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
-from inercal.certificate.content import (
+from inercal.laboratory.certificate.content import (
     Certificate,
     CertificateChange,
     CertificateInput,
     make_certificate,
 )
-from inercal.certificate.dcc import write_dcc
-from inercal.certificate.dcc_reading import read_dcc
-from inercal.certificate.dcc_units import dsi_unit
-from inercal.certificate.job import read_job
-from inercal.certificate.schema import schema_defects
+from inercal.laboratory.certificate.dcc import dsi_unit, write_dcc
+from inercal.laboratory.certificate.dcc_reading import read_dcc
+from inercal.laboratory.certificate.job import read_job
+from inercal.laboratory.certificate.schema import schema_defects
+from inercal.physics.sensors import SI_UNITS, imu
+from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.runfile.job import JobSection
 from inercal.runfile.laboratory_file import LaboratoryFile, read_laboratory
-from inercal.sensors import SI_UNITS, imu
-from inercal.sensors.coefficient_tables import TABLES
 
 Array = NDArray[np.float64]
 SIGNATURE = (

@@ -16,8 +16,8 @@ import inercal
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.files import load
 from inercal.calibration.simulated import SIMULATED
-from inercal.certificate.texts import LANGUAGES, Texts
 from inercal.cli import certificate_commands
+from inercal.laboratory.certificate.texts import LANGUAGES, Texts
 
 Change = Callable[[Laboratory], None]
 

@@ -15,8 +15,8 @@ import inercal
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
 from inercal.calibration.specification import Conformity
-from inercal.certificate.results import acceptance_risk, judge_results, make_results
-from inercal.uncertainty.conformity import DecisionRule
+from inercal.estimation.uncertainty.conformity import DecisionRule
+from inercal.laboratory.certificate.results import acceptance_risk, judge_results, make_results
 
 SPECIFICATION = """
 [specification]

@@ -14,15 +14,19 @@ from tests.certificate.conftest import CHINESE, Laboratory, need_chinese
 from tests.certificate.dcc_xml import etree
 from tests.certificate.pdf_text import page_texts, squeezed
 
+from inercal.basics.errors import InputError
 from inercal.calibration.files import load
-from inercal.certificate.content import CertificateChange, CertificateInput, make_certificate
-from inercal.certificate.fonts import find_font
-from inercal.certificate.job import read_job
-from inercal.certificate.pdf import write_pdf_a1
-from inercal.certificate.texts import LANGUAGES, Language, Texts, text_table
-from inercal.errors import InputError
+from inercal.laboratory.certificate.content import (
+    CertificateChange,
+    CertificateInput,
+    make_certificate,
+)
+from inercal.laboratory.certificate.fonts import find_font
+from inercal.laboratory.certificate.job import read_job
+from inercal.laboratory.certificate.pdf import write_pdf_a1
+from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts, text_table
+from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.runfile.laboratory_file import read_laboratory
-from inercal.sensors.coefficient_tables import TABLES
 
 FOLDER = Path(__file__).parent
 ITEMS: list[dict[str, Any]] = tomllib.loads(
@@ -181,7 +185,9 @@ def test_a_long_word_stays_on_the_page(laboratory: Laboratory):
 
 
 def test_no_chinese_font_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("inercal.certificate.fonts._CHINESE_FONTS", (Path("/nowhere/font.ttc"),))
+    monkeypatch.setattr(
+        "inercal.laboratory.certificate.fonts._CHINESE_FONTS", (Path("/nowhere/font.ttc"),)
+    )
     with pytest.raises(InputError) as caught:
         find_font("zh", None)
     assert caught.value.key == "--font"

@@ -12,17 +12,21 @@ from tests.refusals import refused
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
 from inercal.calibration.specification import Conformity, LimitResult
-from inercal.certificate.content import CertificateChange, CertificateInput, make_certificate
-from inercal.certificate.job import read_job
-from inercal.certificate.results import (
+from inercal.estimation.uncertainty.conformity import DecisionRule
+from inercal.laboratory.certificate.content import (
+    CertificateChange,
+    CertificateInput,
+    make_certificate,
+)
+from inercal.laboratory.certificate.job import read_job
+from inercal.laboratory.certificate.results import (
     acceptance_risk,
     judge_results,
     make_results,
     stated_capability,
 )
+from inercal.physics.sensors.coefficient_tables import G0
 from inercal.runfile.laboratory_file import read_laboratory
-from inercal.sensors.coefficient_tables import G0
-from inercal.uncertainty.conformity import DecisionRule
 
 UG = 1e-6 * G0
 

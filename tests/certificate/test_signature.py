@@ -13,9 +13,9 @@ from tests.certificate.pdf_text import page_texts, squeezed
 from tests.certificate.signing_keys import PASSPHRASE, write_chain
 from tests.program import run_program
 
-from inercal.certificate.schema import schema_defects
-from inercal.certificate.texts import LANGUAGES, Language, Texts
 from inercal.cli.certificate_commands import PASSPHRASE as VARIABLE
+from inercal.laboratory.certificate.schema import schema_defects
+from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts
 
 
 def verified(*arguments: str | Path) -> tuple[int, dict[str, bool | None]]:

@@ -17,12 +17,12 @@ from tests.refusals import refused
 
 import inercal
 from inercal.calibration.files import load
-from inercal.certificate.content import CertificateInput
-from inercal.certificate.issue import IssueOptions, issue
-from inercal.certificate.job import read_job
+from inercal.laboratory.certificate.content import CertificateInput
+from inercal.laboratory.certificate.issue import IssueOptions, issue
+from inercal.laboratory.certificate.job import read_job
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.certificates import number_text, require_series
 from inercal.runfile.laboratory_file import read_laboratory
-from inercal.store import Register
-from inercal.store.certificates import number_text, require_series
 
 
 def test_numbers_follow_one_another_and_begin_anew_each_year(laboratory: Laboratory):
@@ -209,7 +209,7 @@ def test_a_missing_extra_is_named_before_any_work(
     def find_spec(name: str) -> Any:
         return None if name == package else object()
 
-    monkeypatch.setattr("inercal.errors.find_spec", find_spec)
+    monkeypatch.setattr("inercal.basics.errors.find_spec", find_spec)
     ended = laboratory.run()
     assert ended.status == 2
     assert f"inercal[{extra}]" in ended.error
@@ -221,7 +221,7 @@ def test_a_missing_extra_of_signatures_is_named(
     def find_spec(name: str) -> Any:
         return None if name == "pyhanko" else object()
 
-    monkeypatch.setattr("inercal.errors.find_spec", find_spec)
+    monkeypatch.setattr("inercal.basics.errors.find_spec", find_spec)
     for ended in (
         laboratory.run("--sign", keys / "own.p12"),
         run_program("certificate", "verify", laboratory.calibration),

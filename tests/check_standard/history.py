@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.repeatability.laboratory import Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
-from inercal.check_standard import CheckedSession
+from inercal.laboratory.check_standard import CheckedSession
 
 BEGIN = date(2026, 1, 1)
 

@@ -11,10 +11,10 @@ from tests.program import run_program
 from tests.refusals import refused
 from tests.store.calibration_generator import IMU, Truth, content, hashed, write
 
+from inercal.basics.errors import InputError
 from inercal.calibration.bench_estimates import BenchEstimate
-from inercal.check_standard.bench_charts import ChartedRun, bench_charts
-from inercal.errors import InputError
-from inercal.store import Register
+from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
+from inercal.laboratory.store import Register
 
 SCATTER, OWN = 3e-6, 2e-6  # m, of the radius from day to day and by a run's noise
 

@@ -10,11 +10,11 @@ from tests.check_standard.history import checked_sessions, day
 from tests.refusals import refused
 from tests.repeatability.laboratory import MICRO, NAMES, Laboratory
 
+from inercal.basics.errors import InputError
 from inercal.calibration.check_standard import load_check_standard
-from inercal.check_standard import control_charts
-from inercal.check_standard.chart_files import to_text
-from inercal.check_standard.chart_texts import control_lines
-from inercal.errors import InputError
+from inercal.laboratory.check_standard import control_charts
+from inercal.laboratory.check_standard.chart_files import to_text
+from inercal.laboratory.check_standard.chart_texts import control_lines
 
 STEP = np.where(np.array(NAMES) == "ax.k0", 400 * MICRO, 0.0)
 

@@ -12,10 +12,10 @@ from tests.refusals import refused
 from tests.repeatability.laboratory import MICRO, NAMES, Laboratory
 from tests.runfile.key_sweep import example, toml
 
+from inercal.basics.errors import InputError
 from inercal.calibration.files import load, save
-from inercal.errors import InputError
+from inercal.laboratory.store import Register
 from inercal.runfile import read
-from inercal.store import Register
 
 STEP = np.where(np.array(NAMES) == "ax.k0", 400 * MICRO, 0.0)
 DAYS = 12

@@ -10,8 +10,8 @@ import pytest
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.cli.app import main
-from inercal.io.write import write_recording
 from inercal.pipeline import apply_data_columns, simulate
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
 
 LABELLED = ('time = "time"\n', 'time = "time"\nmarks = "labels"\nlabel = "label"\n')

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from tests.program import run_program
 
-from inercal.bundles import reproduce_bundle
+from inercal.basics.errors import InputError
+from inercal.calibration.comparison.recomputation import largest_change
 from inercal.calibration.files import load, save
-from inercal.comparison.recomputation import largest_change
-from inercal.errors import InputError
+from inercal.pipeline.bundles import reproduce_bundle
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "six_position"
 

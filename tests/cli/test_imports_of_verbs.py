@@ -22,7 +22,7 @@ OTHER_METHODS = tuple(
     )
 )
 WATCHED = HEAVY + NOWHERE + OTHER_METHODS
-AFTER_CHECKS = ("scipy", "inercal.estimate", "inercal.calibration", "inercal.pipeline")
+AFTER_CHECKS = ("scipy", "inercal.estimation.result", "inercal.calibration", "inercal.pipeline")
 
 
 def heavy_imports(

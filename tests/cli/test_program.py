@@ -173,7 +173,7 @@ os.access = lambda *_, **__: False
 os.environ.pop("NUMBA_CACHE_DIR", None)
 import inercal
 assert "numba" not in sys.modules
-from inercal.estimate import _kernels
+from inercal.estimation import _kernels
 print(os.environ["NUMBA_CACHE_DIR"])
 """
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InercalError
 from inercal.cli.app import main
-from inercal.errors import InercalError
 from inercal.pipeline import calibrate
 from inercal.runfile import read
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from inercal.calibration.files import load, save
 from inercal.cli.app import app
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 DAYS = np.array([0, 0, 1, 1, 2, 2])
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from tests.program import run_program
 
-import inercal.self_check as known
+import inercal.pipeline.self_check as known
 from inercal.methods import METHODS
-from inercal.self_check import CASES, self_check, stored_answers
+from inercal.pipeline.self_check import CASES, self_check, stored_answers
 
 QUICK = ("six_position", "tumble", "ship_multi_angle")
 

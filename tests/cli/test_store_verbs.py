@@ -15,8 +15,8 @@ from tests.store.calibration_generator import ARCSEC, DRIFTING, G0, content, has
 
 from inercal.cli.app import main
 from inercal.host.run_folder import create_run
-from inercal.sensors import Noise, Readout, triad
-from inercal.store import Register
+from inercal.laboratory.store import Register
+from inercal.physics.sensors import Noise, Readout, triad
 
 NAME = DRIFTING.sensor
 

@@ -6,8 +6,8 @@ import pytest
 from tests.refusals import refused
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
+from inercal.basics.errors import InercalError, InputError
 from inercal.cli import apply_command, init_command
-from inercal.errors import InercalError, InputError
 from inercal.runfile import read
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.comparison.changes import (
+from inercal.calibration.comparison.changes import (
     CHANCE_FRACTION,
     chi2_p_value,
     constancy_test,

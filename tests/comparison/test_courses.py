@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.comparison.changes import constancy_test, normalised_errors, trend_verdict
-from inercal.comparison.courses import CourseComparison, compare_courses, fit_course
-from inercal.uncertainty.conformity import expanded_uncertainty
+from inercal.calibration.comparison.changes import constancy_test, normalised_errors, trend_verdict
+from inercal.calibration.comparison.courses import CourseComparison, compare_courses, fit_course
+from inercal.estimation.uncertainty.conformity import expanded_uncertainty
 
 Array = NDArray[np.float64]
 TRIALS = 200

@@ -8,11 +8,11 @@ import pytest
 from tests.export.calibrations import LINEAR, OPTIONS, make_calibration
 
 import inercal
+from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
-from inercal.comparison import compare, match_frame_and_form
-from inercal.errors import InputError
+from inercal.calibration.comparison import compare, match_frame_and_form
 from inercal.export import export_calibration
-from inercal.sensors import Form
+from inercal.physics.sensors import Form
 
 Frame = Literal["mount", "triangular", "symmetric"]
 FRAMES: tuple[Frame, ...] = ("mount", "triangular", "symmetric")

@@ -10,12 +10,12 @@ from tests.program import run_program
 from tests.repeatability.laboratory import KIND, MICRO, NAMES, Laboratory, draw, rotation
 from tests.repeatability.sessions import sessions_of
 
+from inercal.calibration.comparison import compare
+from inercal.calibration.comparison.run_to_run import RunScatter, against_scatter
 from inercal.calibration.files import save
-from inercal.comparison import compare
-from inercal.comparison.run_to_run import RunScatter, against_scatter
-from inercal.repeatability import repeat
-from inercal.repeatability.files import to_text
-from inercal.store import Register
+from inercal.laboratory.repeatability import repeat
+from inercal.laboratory.repeatability.files import to_text
+from inercal.laboratory.store import Register
 
 TURN_ON = np.array([60.0, 30.0, 0.0])[KIND] * MICRO
 SCATTER = np.diag(TURN_ON**2) + (40 * MICRO) ** 2 * rotation() @ rotation().T

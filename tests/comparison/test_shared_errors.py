@@ -5,7 +5,7 @@ import pytest
 from tests.repeatability.laboratory import KIND, Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
-from inercal.comparison import compare
+from inercal.calibration.comparison import compare
 
 UNCHANGED = Laboratory(turn_on=(0, 0, 0), mount=0)
 PAIRS = 400

@@ -5,9 +5,9 @@ import pytest
 from tests.base_seeds import SEEDS
 
 from inercal.calibration import Calibration
-from inercal.comparison import compare
-from inercal.sensors import imu
-from inercal.sensors.coefficient_selection import select_coefficients
+from inercal.calibration.comparison import compare
+from inercal.physics.sensors import imu
+from inercal.physics.sensors.coefficient_selection import select_coefficients
 
 ALL = ("k0", "k1", "misalignment", "bias", "scale")
 ACCELEROMETERS = ("k0", "k1", "ax.misalignment", "ay.misalignment", "az.misalignment")

@@ -11,9 +11,9 @@ from tests.accuracy.inercal_inputs import make_bench, make_observations, true_co
 from tests.base_seeds import SEEDS
 
 from inercal.benches import Hand
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
-from inercal.sensors import imu
+from inercal.physics.sensors import imu
 
 Array = NDArray[np.float64]
 TRIALS = 300

@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record, triangular
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.methods import METHODS
-from inercal.recording import Mark, Recording
-from inercal.segments import (
+from inercal.physics.sensors import imu
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
     transitions_between_rests,
 )
-from inercal.sensors import imu
-from inercal.units import Measured
 
 Array = NDArray[np.float64]
 METHOD = METHODS["multi_position"]

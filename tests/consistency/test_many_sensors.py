@@ -11,7 +11,7 @@ from tests.consistency.conftest import HANDS
 
 from inercal.benches import Hand
 from inercal.methods import METHODS
-from inercal.sensors import imu
+from inercal.physics.sensors import imu
 
 Array = NDArray[np.float64]
 SENSORS, TRIALS = 10, 300

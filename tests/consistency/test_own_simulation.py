@@ -7,8 +7,8 @@ import pytest
 
 from inercal.benches.hand.reading import nominal_plan
 from inercal.pipeline import simulate
+from inercal.recordings.segments import marks_from_labels, observe
 from inercal.runfile import read
-from inercal.segments import marks_from_labels, observe
 
 RUN = """
 [sensor]

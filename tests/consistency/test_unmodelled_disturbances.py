@@ -16,9 +16,9 @@ from tests.accuracy.ferraris import (
 )
 from tests.accuracy.inercal_inputs import make_bench, make_observations, true_coefficients
 
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
-from inercal.sensors import imu
+from inercal.physics.sensors import imu
 
 Array = NDArray[np.float64]
 HANDS = Handling(

@@ -10,9 +10,9 @@ from inercal.benches.turntable import require_turntable
 from inercal.benches.turntable.path_file import read_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.cli.app import app
-from inercal.design.path_search import path_table, search_path
-from inercal.design.turntable_path import path_uncertainties
-from inercal.plan import Position
+from inercal.physics.plan import Position
+from inercal.pipeline.design.path_search import path_table, search_path
+from inercal.pipeline.design.turntable_path import path_uncertainties
 from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -7,10 +7,10 @@ import pytest
 from tests.refusals import refused
 from tests.runs.test_turntable_runs import copy_run, path_with_labels, simulate_recording
 
+from inercal.basics.errors import NotObserved
 from inercal.cli.app import app
-from inercal.design.turntable_path import turntable_path_sheet
-from inercal.errors import NotObserved
 from inercal.pipeline import calibrate
+from inercal.pipeline.design.turntable_path import turntable_path_sheet
 
 
 @pytest.mark.parametrize("method", ["turntable_discrete", "turntable_trajectory"])

@@ -9,9 +9,9 @@ import pytest
 from tests.accuracy import rate_table as made
 from tests.refusals import refused
 
-from inercal.design.worksheet import Worksheet, build_worksheet, worksheet_csv
-from inercal.errors import InputError, NotObserved
+from inercal.basics.errors import InputError, NotObserved
 from inercal.pipeline import calibrate
+from inercal.pipeline.design.worksheet import Worksheet, build_worksheet, worksheet_csv
 from inercal.runfile import read
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_table" / "ship.toml"

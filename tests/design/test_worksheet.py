@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.operator_sheet import SheetRow
-from inercal.design.worksheet import Worksheet, build_worksheet, worksheet_csv
-from inercal.errors import InputError, NotObserved
-from inercal.motion import Motion
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Index
 from inercal.pipeline import calibrate
-from inercal.plan import Index
+from inercal.pipeline.design.worksheet import Worksheet, build_worksheet, worksheet_csv
 from inercal.runfile import read
 
 ARCSEC = pi / 648_000

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inercal.drafts import UnknownAccelerometers, draft_run_file
-from inercal.drafts.column_roles import ColumnRoles, recognise_columns
-from inercal.drafts.stated_keys import stated_values
-from inercal.errors import InputError
-from inercal.frames import exp_so3
-from inercal.io.column_table import Table
+from inercal.basics.errors import InputError
+from inercal.physics.frames import exp_so3
+from inercal.pipeline.drafts import UnknownAccelerometers, draft_run_file
+from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
+from inercal.pipeline.drafts.stated_keys import stated_values
+from inercal.recordings.io.column_table import Table
 
 G = 8192.0  # LSB/g
 PER_DEGREE = 32.8  # LSB/(°/s)

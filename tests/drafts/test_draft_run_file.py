@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import inercal
-from inercal.drafts import Draft, draft_run_file
-from inercal.errors import InputError
-from inercal.io.write import write_recording
+from inercal.basics.errors import InputError
 from inercal.pipeline import apply_data_columns, simulate
+from inercal.pipeline.drafts import Draft, draft_run_file
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import inercal
-from inercal.drafts import draft_run_file
+from inercal.pipeline.drafts import draft_run_file
 
 COUNTS = {
     "data.temperature_unit": "LSB",

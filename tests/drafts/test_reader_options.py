@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from tests.io.test_io_xlsx import workbook
 
-from inercal.drafts import draft_run_file
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.pipeline.drafts import draft_run_file
 
 NOTES = [["note", "number"], ["begin", 1.0]]
 DATA = [["time", "ax", "ay", "az"], *([k / 10, 0.0, 0.0, 9.81] for k in range(40))]

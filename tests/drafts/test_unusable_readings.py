@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.drafts import draft_run_file
+from inercal.pipeline.drafts import draft_run_file
 
 MEANS = "position,ax,ay,az\n" + "".join(
     f"{name},{x},{y},{z}\n"

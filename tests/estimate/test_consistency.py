@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.estimate import Cauchy, Gaussian, Problem, least_squares
+from inercal.estimation import Cauchy, Gaussian, Problem, least_squares
 
 Array = NDArray[np.float64]
 SEEDS = [11, 22, 33]

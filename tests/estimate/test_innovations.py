@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from inercal.estimate import innovations
+from inercal.estimation import innovations
 
 GROUPS, EACH, M = 30, 200, 3
 GROUP = np.repeat(np.arange(GROUPS), EACH)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inercal.estimate.kalman import (
+from inercal.estimation.kalman import (
     allocate_steps,
     predict,
     smooth_steps,

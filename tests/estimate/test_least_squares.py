@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares as scipy_least_squares
 from tests.refusals import refused
 
-from inercal.errors import NotObserved
-from inercal.estimate import Gauge, Gaussian, Problem, least_squares
+from inercal.basics.errors import NotObserved
+from inercal.estimation import Gauge, Gaussian, Problem, least_squares
 
 Array = NDArray[np.float64]
 NAMES = ("a", "b", "c", "d")

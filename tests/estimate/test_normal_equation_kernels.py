@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from inercal.estimate import _kernels, gauss_newton_steps
+from inercal.estimation import _kernels, gauss_newton_steps
 
 
 def case(trials: int, m: int, k: int, seed: int = 0):

@@ -3,8 +3,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from inercal.errors import NotObserved
-from inercal.estimate import Gauge, Gaussian, Problem, least_squares
+from inercal.basics.errors import NotObserved
+from inercal.estimation import Gauge, Gaussian, Problem, least_squares
 
 Array = NDArray[np.float64]
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.estimate import Candidate, score_tests
-from inercal.estimate.candidate_scores import rows_from_products
-from inercal.estimate.kalman import FilterSteps, predict, update
-from inercal.estimate.omitted_constants import OmittedSums, omitted_constant_sums
+from inercal.estimation import Candidate, score_tests
+from inercal.estimation.candidate_scores import rows_from_products
+from inercal.estimation.kalman import FilterSteps, predict, update
+from inercal.estimation.omitted_constants import OmittedSums, omitted_constant_sums
 
 Array = NDArray[np.float64]
 N, K, M, EPOCHS = 6, 2, 3, 8  # states, driven ones, observations, epochs

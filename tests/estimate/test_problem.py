@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.refusals import refused
 
-from inercal.estimate import Gauge, Gaussian, Problem, least_squares
+from inercal.estimation import Gauge, Gaussian, Problem, least_squares
 
 SKEW = np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]])
 DESIGN = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]])

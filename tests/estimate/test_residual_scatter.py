@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.estimate.residual_scatter import ScatterModel, chi_squared, fit_scatter
+from inercal.estimation.residual_scatter import ScatterModel, chi_squared, fit_scatter
 
 Array = NDArray[np.float64]
 ROWS, COLUMNS = 400, 3

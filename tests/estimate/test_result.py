@@ -3,7 +3,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 from tests.refusals import refused
 
-from inercal.estimate import Problem, least_squares
+from inercal.estimation import Problem, least_squares
 
 DESIGN = np.vander(np.linspace(-1, 1, 20), 3, increasing=True)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from inercal.estimate.residual_scatter import leave_one_out_factors
+from inercal.estimation.residual_scatter import leave_one_out_factors
 
 
 @pytest.mark.parametrize("scatter", [1.0, 3.0])

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import f, kstest, norm
 
-from inercal.estimate import Candidate, Gaussian, Problem, least_squares, score_tests
-from inercal.estimate.candidate_scores import rows_from_products
-from inercal.estimate.scores import chi2_tail_probabilities, chi2_tail_probability
+from inercal.estimation import Candidate, Gaussian, Problem, least_squares, score_tests
+from inercal.estimation.candidate_scores import rows_from_products
+from inercal.estimation.scores import chi2_tail_probabilities, chi2_tail_probability
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def test_very_many_rows_are_scored_as_few_are(
     # One that is in a family is the same column alone.
     alone = Candidate("c1", "coefficient", ("c1",), ("1",), three[:, 1:2])
     few = score_tests(noise, design, [*some, alone])
-    monkeypatch.setattr("inercal.estimate.candidate_scores._MANY", 100)
+    monkeypatch.setattr("inercal.estimation.candidate_scores._MANY", 100)
     many = score_tests(noise, design, [*some, alone])
     assert many.span == few.span
     for one, other in zip(few.scores, many.scores, strict=True):

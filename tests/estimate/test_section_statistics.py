@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.estimate.correlation import WHITE, NoiseCorrelation
-from inercal.estimate.section_statistics import SectionStatistics, analyse_sections, haar_contrasts
+from inercal.estimation.correlation import WHITE, NoiseCorrelation
+from inercal.estimation.section_statistics import (
+    SectionStatistics,
+    analyse_sections,
+    haar_contrasts,
+)
 
 Array = NDArray[np.float64]
 SECONDS, SAMPLES = 10.0, 1000

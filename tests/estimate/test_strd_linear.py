@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from inercal.estimate import Estimate, Problem, least_squares
+from inercal.estimation import Estimate, Problem, least_squares
 
 Array = NDArray[np.float64]
 

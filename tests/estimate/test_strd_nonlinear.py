@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.estimate import Problem, least_squares
+from inercal.estimation import Problem, least_squares
 
 Array = NDArray[np.float64]
 

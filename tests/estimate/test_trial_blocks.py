@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate import (
+from inercal.basics.arrays import Array
+from inercal.estimation import (
     Estimate,
     Gaussian,
     Problem,
@@ -17,8 +17,8 @@ from inercal.estimate import (
     least_squares_of_trials,
     trial_blocks,
 )
-from inercal.estimate.problem import NormalEquations
-from inercal.estimate.trial_blocks import BLOCK_TRIALS
+from inercal.estimation.problem import NormalEquations
+from inercal.estimation.trial_blocks import BLOCK_TRIALS
 
 T = np.linspace(0, 3, 40)
 NAMES = tuple("abcdefgh")

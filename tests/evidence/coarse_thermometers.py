@@ -10,15 +10,15 @@ import numpy as np
 from tests.accuracy import warm_ups
 from tests.accuracy.warm_ups import WarmUp
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.environment import Environment
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import ramp, rest
-from inercal.recording import Observations, Track
-from inercal.sensors import Noise, Readout, Sensor, triad
-from inercal.units import Measured
+from inercal.physics.sensors import Noise, Readout, Sensor, triad
+from inercal.recordings import Observations, Track
+from inercal.recordings.environment import Environment
 
 # The generator rounds: an error that truncation may add is known to be none.
 ROUNDS = Environment("ramp", temperature_sd=1e-9)

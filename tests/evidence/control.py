@@ -16,9 +16,9 @@ from tests.check_standard.history import checked_sessions
 from tests.evidence import stored_counts
 from tests.repeatability.laboratory import MICRO, NAMES, Laboratory
 
-from inercal.check_standard import control_charts
-from inercal.uncertainty.cusum import cusum_limit
-from inercal.uncertainty.run_lengths import chart_limit, wider_limit
+from inercal.estimation.uncertainty.cusum import cusum_limit
+from inercal.estimation.uncertainty.run_lengths import chart_limit, wider_limit
+from inercal.laboratory.check_standard import control_charts
 
 SEEDS, RUNS = (1, 2, 3), 9_000
 LABORATORIES = 20  # one of so many runs

@@ -18,7 +18,7 @@ from tests.noise.filtered_generator import DEG_H, FilteredTruth, readings
 
 import inercal
 from inercal.noise.channel_noise import ChannelNoise
-from inercal.recording import Recording
+from inercal.recordings import Recording
 
 RUNS = 40
 DATA, PAGE = FOLDER / "filtered-noise.json", FOLDER / "filtered-noise.md"

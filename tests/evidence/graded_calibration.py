@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from tests.evidence.visibility_model import Files
 
+from inercal.basics.errors import InercalError
 from inercal.calibration.detectability import undetectable_causes
-from inercal.errors import InercalError
 from inercal.pipeline import Outcome, calibrate
 
 Grade = Literal["consistent", "reservations", "unreliable", "refused"]

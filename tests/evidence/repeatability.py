@@ -15,7 +15,7 @@ from tests.evidence import stored_counts
 from tests.repeatability.laboratory import KIND, Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
-from inercal.repeatability import repeat
+from inercal.laboratory.repeatability import repeat
 
 SESSIONS, SEEDS, LABORATORIES = (3, 5, 10), (1, 2, 3), 4_000
 PAGE = stored_counts.FOLDER / "repeatability.md"

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy import ramps
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.environment import Environment
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import ramp, rest
-from inercal.recording import Observations, Track
-from inercal.sensors import Noise, Readout, Sensor, triad
-from inercal.units import Measured
+from inercal.physics.sensors import Noise, Readout, Sensor, triad
+from inercal.recordings import Observations, Track
+from inercal.recordings.environment import Environment
 
 Array = NDArray[np.float64]
 TERMS = ("bias", "bias_dT", "bias_dT2", "bias_dT3")

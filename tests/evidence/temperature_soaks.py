@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy import soaks
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.environment import Environment
-from inercal.environment.soaks import with_soak_errors
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
 from inercal.methods.hand_likelihood import ml
+from inercal.physics.plan import Hold
+from inercal.physics.sensors import Sensor, imu
 from inercal.pipeline.temperature_orders import choose_orders
-from inercal.plan import Hold
-from inercal.recording import Observations
+from inercal.recordings import Observations
+from inercal.recordings.environment import Environment
+from inercal.recordings.environment.soaks import with_soak_errors
 from inercal.runfile.environment_section import order_terms
-from inercal.sensors import Sensor, imu
-from inercal.units import Measured
 
 Array = NDArray[np.float64]
 ENVIRONMENT = Environment("soaks", soaks.TEMPERATURE_SD, soaks.REPEATABILITY)

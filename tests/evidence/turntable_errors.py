@@ -31,10 +31,10 @@ from tests.accuracy import turntable
 from tests.evidence.stored_counts import FOLDER, current_commit, describe_machine
 from tests.methods.turntable_cases import bench, errors, observations, sensor
 
-from inercal.io.write import write_recording
 from inercal.methods.turntable_kalman import METHOD
 from inercal.pipeline import apply_data_columns, calibrate, simulate
 from inercal.pipeline.truth import true_coefficients
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read as read_run
 
 Array = NDArray[np.float64]

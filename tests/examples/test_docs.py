@@ -15,21 +15,21 @@ from tests.external_bench import load_example_module, register_example_bench
 from tests.store import calibration_generator
 
 import inercal
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured, format_value_and_uncertainty, parse_quantity
 from inercal.benches import Hand
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
+from inercal.calibration.comparison import compare
 from inercal.cli import calibration_view, store_view
-from inercal.comparison import compare
-from inercal.errors import InputError
-from inercal.io.write import write_recordings
+from inercal.laboratory.store import FileEntry, Register, RunEntry
 from inercal.methods import METHODS, Method
+from inercal.physics.sensors import SI_UNITS
+from inercal.physics.sensors.coefficient_tables import ACCELEROMETER, GYRO, ErrorTerm
 from inercal.pipeline import calibrate, simulate_files
+from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read, schema
 from inercal.runfile.noise_data_sheet import DataSheetFile
-from inercal.sensors import SI_UNITS
-from inercal.sensors.coefficient_tables import ACCELEROMETER, GYRO, ErrorTerm
-from inercal.store import FileEntry, Register, RunEntry
-from inercal.units import Measured, format_value_and_uncertainty, parse_quantity
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -20,8 +20,8 @@ from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.precompilation import precompile_run
 from inercal.host.run_completion import finish_run
 from inercal.host.run_folder import create_run
-from inercal.io.write import write_recordings
 from inercal.pipeline import Outcome, calibrate, simulate_files
+from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]

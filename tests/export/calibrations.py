@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration, Validity
-from inercal.sensors import G0, Form, Noise, Readout, imu
-from inercal.units import ZERO_CELSIUS
+from inercal.physics.sensors import G0, Form, Noise, Readout, imu
 
 RANGES = Validity(rate=(-2.0, 2.0), force=(-20.0, 20.0), temperature=(263.15, 333.15))
 COUNTS = (Readout(16384 / G0, 120.0, "LSB"), Readout(131 * 180 / np.pi, -40.0, "LSB"))

@@ -17,10 +17,10 @@ from tests.export.calibrations import (
 )
 from tests.export.test_formulas import SETS, SINGLE, stated
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.calibration import Calibration
 from inercal.export import export_calibration
-from inercal.sensors import Readout
+from inercal.physics.sensors import Readout
 
 FLAGS = ("-Wall", "-Wextra", "-Werror", "-pedantic")
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

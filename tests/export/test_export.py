@@ -20,14 +20,14 @@ from tests.program import run_program
 from tests.refusals import refused
 
 import inercal
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration.files import as_object
 from inercal.cli.export_command import default_path
 from inercal.export import TARGETS, export_calibration
 from inercal.export.model import parse_axes
 from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.term_kinds import kinds_of
-from inercal.sensors import Sensor, imu, triad
-from inercal.units import ZERO_CELSIUS
+from inercal.physics.sensors import Sensor, imu, triad
 
 FULL = (*LINEAR, *TEMPERATURE, *NONLINEAR)
 
@@ -76,7 +76,7 @@ def test_every_coefficient_is_of_one_kind_by_its_declaration():
 
 
 def inercal_tables():
-    from inercal.sensors import TABLES
+    from inercal.physics.sensors import TABLES
 
     return TABLES.values()
 

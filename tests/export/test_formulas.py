@@ -26,10 +26,10 @@ from tests.export.calibrations import (
     random_readings,
 )
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.calibration import Calibration
 from inercal.export import Export, export_calibration
-from inercal.sensors import Form
+from inercal.physics.sensors import Form
 
 Applied = Callable[[str, Readings], Array]
 SINGLE = 16 * 2.0**-24

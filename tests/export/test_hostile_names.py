@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 from tests.export.calibrations import OPTIONS, make_calibration
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.visible_text import spreadsheet_cell
 from inercal.export import TARGETS, export_calibration
-from inercal.visible_text import spreadsheet_cell
 
 HOSTILE = "\x1b]0;owned\x07\u202e=cmd()"
 

@@ -11,9 +11,9 @@ from tests.refusals import refused
 
 import inercal
 from inercal.calibration import Calibration
+from inercal.calibration.comparison import compare
+from inercal.calibration.comparison.comparison_text import comparison_lines
 from inercal.calibration.display import coefficient_lines
-from inercal.comparison import compare
-from inercal.comparison.comparison_text import comparison_lines
 from inercal.export import export_calibration
 
 # Aliases of aliases: 10⁹ numbers, if an array were made of them.

@@ -14,6 +14,7 @@ from tests.fleet.lines import TEMPLATE, make_line, write_recording, write_table
 from tests.program import run_program
 
 import inercal
+from inercal.basics.parallel import SerialExecutor
 from inercal.fleet import batch as batch_module
 from inercal.fleet import results
 from inercal.fleet.calibration import Counts, calibrate_line
@@ -21,7 +22,6 @@ from inercal.fleet.export import export_table
 from inercal.fleet.latest import latest_results
 from inercal.fleet.line import read_line
 from inercal.fleet.station import calibrate_arrival, known_files
-from inercal.parallel import SerialExecutor
 
 pytest.importorskip("pyarrow")
 DAY = timedelta(days=1)
@@ -160,7 +160,7 @@ def test_files_of_an_outdated_result_say_so(tmp_path: Path):
 
 def test_an_outdated_result_is_not_entered_in_a_register(tmp_path: Path):
     from inercal.fleet.registration import enter_results
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     folder = make_line(tmp_path / "line", 3)
     calibrate(folder)

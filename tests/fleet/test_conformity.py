@@ -6,6 +6,8 @@ import pytest
 from tests.fleet.simulated_line import TEMPLATE, write_line
 from tests.runfile.key_sweep import EXAMPLES
 
+from inercal.basics.parallel import SerialExecutor
+from inercal.estimation.uncertainty.conformity import RESULTS
 from inercal.fleet import results
 from inercal.fleet.calibration import calibrate_line
 from inercal.fleet.latest import latest_results
@@ -15,8 +17,6 @@ from inercal.fleet.report_page import page
 from inercal.fleet.station import calibrate_arrival
 from inercal.fleet.statistics import fleet_statistics
 from inercal.fleet.status import line_status
-from inercal.parallel import SerialExecutor
-from inercal.uncertainty.conformity import RESULTS
 
 MEANS = EXAMPLES / "six_position" / "positions.csv"  # az.k0 is 11.442 mg, U = 43 µg
 CASES = {"wide": "± 12 mg", "guard": "± 11.45 mg", "beyond": "± 11.43 mg", "far": "± 5 mg"}

@@ -5,11 +5,11 @@ from pathlib import Path
 from tests.fleet.lines import make_line, rows_of, write_table
 from tests.io.isolated_functions import crash
 
+from inercal.basics.parallel import SerialExecutor
 from inercal.fleet.calibration import calibrate_line
 from inercal.fleet.line import read_line
-from inercal.io.isolation import Isolation
-from inercal.io.readers import READERS, Reader
-from inercal.parallel import SerialExecutor
+from inercal.recordings.io.isolation import Isolation
+from inercal.recordings.io.readers import READERS, Reader
 
 CRASHING = Reader("crashing", crash, suffixes=(".crash",), isolation=Isolation("a recording"))
 

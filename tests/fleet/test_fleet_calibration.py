@@ -13,16 +13,16 @@ from tests.fleet.lines import TEMPLATE, make_line, readings, rows_of, write_reco
 from tests.refusals import refused
 
 import inercal
+from inercal.basics.errors import InputError
+from inercal.basics.parallel import SerialExecutor, Settled, TolerantExecutor, WorkerLost
+from inercal.basics.parallel.isolated_executor import IsolatedExecutor
 from inercal.calibration.files import save
-from inercal.errors import InputError
 from inercal.fleet import batch as batch_module
 from inercal.fleet import calibration as fleet_calibration
 from inercal.fleet import results
 from inercal.fleet.calibration import Counts, calibrate_line
 from inercal.fleet.export import sensor_calibration
 from inercal.fleet.line import Line, read_line
-from inercal.parallel import SerialExecutor, Settled, TolerantExecutor, WorkerLost
-from inercal.parallel.isolated_executor import IsolatedExecutor
 
 pytest.importorskip("pyarrow")
 

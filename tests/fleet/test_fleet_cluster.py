@@ -12,12 +12,12 @@ import pytest
 from tests.fleet.lines import make_line, rows_of, write_table
 from tests.program import run_program
 
+from inercal.basics.parallel import SerialExecutor, open_executor, open_tolerant_executor
+from inercal.basics.parallel.dask_executor import SchedulerLost
 from inercal.fleet import results
 from inercal.fleet.calibration import calibrate_line
 from inercal.fleet.export import sensor_calibration
 from inercal.fleet.line import read_line
-from inercal.parallel import SerialExecutor, open_executor, open_tolerant_executor
-from inercal.parallel.dask_executor import SchedulerLost
 
 distributed = pytest.importorskip("distributed")
 pytest.importorskip("pyarrow")

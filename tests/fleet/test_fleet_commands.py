@@ -22,7 +22,7 @@ from inercal.fleet import results
 from inercal.fleet.latest import latest_results
 from inercal.fleet.line import read_line
 from inercal.fleet.station import arriving_files, calibrate_arrival, find_row, known_files
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 pytest.importorskip("pyarrow")
 ROOT = Path(__file__).parents[2]

@@ -6,7 +6,7 @@ import pytest
 from tests.fleet.lines import TEMPLATE, make_line, write_table
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.fleet.line import read_line
 
 

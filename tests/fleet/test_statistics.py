@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.fleet.simulated_line import COEFFICIENTS, MG, UNITS, Truth, write_line
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.fleet.control_chart import control_charts
 from inercal.fleet.findings import statistics_object, summary_lines
 from inercal.fleet.line import SensorRow, read_line

@@ -14,14 +14,7 @@ from tests.fleet.lines import make_line, rows_of, write_recording
 from tests.fleet.test_fleet_cluster import Cluster
 from tests.program import run_program
 
-from inercal.fleet import calibration as fleet_calibration
-from inercal.fleet import results
-from inercal.fleet.batch import BatchDone, Work, failed_row
-from inercal.fleet.calibration import Counts, calibrate_line
-from inercal.fleet.line import Line, read_line
-from inercal.fleet.station import calibrate_arrival
-from inercal.fleet.time_limit import TimeLimit
-from inercal.parallel import (
+from inercal.basics.parallel import (
     SerialExecutor,
     Settled,
     Task,
@@ -30,7 +23,14 @@ from inercal.parallel import (
     open_tolerant_executor,
     steps,
 )
-from inercal.parallel.isolated_executor import IsolatedExecutor
+from inercal.basics.parallel.isolated_executor import IsolatedExecutor
+from inercal.fleet import calibration as fleet_calibration
+from inercal.fleet import results
+from inercal.fleet.batch import BatchDone, Work, failed_row
+from inercal.fleet.calibration import Counts, calibrate_line
+from inercal.fleet.line import Line, read_line
+from inercal.fleet.station import calibrate_arrival
+from inercal.fleet.time_limit import TimeLimit
 
 pytest.importorskip("pyarrow")
 SLOW = "S003"
@@ -140,7 +140,7 @@ def test_the_time_of_a_stopped_client_is_nobodys_delay(monkeypatch: pytest.Monke
 
 def hang(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
     """Calibrate nothing; one sensor hangs, and the process of another is stopped."""
-    from inercal.parallel.steps import begin_step
+    from inercal.basics.parallel.steps import begin_step
 
     rows: list[dict[str, Any]] = []
     for number, one in enumerate(work):

@@ -14,11 +14,11 @@ from tests.fleet.lines import make_line, rows_of, write_recording
 from tests.fleet.test_fleet_cluster import Cluster
 from tests.program import run_program
 
+from inercal.basics.parallel import SerialExecutor, open_executor, open_tolerant_executor
+from inercal.basics.parallel.isolated_executor import IsolatedExecutor
 from inercal.cli import worker_option
 from inercal.fleet import results
 from inercal.fleet.station import arriving_files
-from inercal.parallel import SerialExecutor, open_executor, open_tolerant_executor
-from inercal.parallel.isolated_executor import IsolatedExecutor
 
 pytest.importorskip("distributed")
 pytest.importorskip("pyarrow")

@@ -29,8 +29,8 @@ from tests.io.ros_files import messages, write_bag, write_bag2
 from tests.io.test_io_mat import save_v73
 from tests.io.test_io_xlsx import workbook
 
-from inercal.errors import InputError
-from inercal.io.read import Columns, read_recording, read_table
+from inercal.basics.errors import InputError
+from inercal.recordings.io.read import Columns, read_recording, read_table
 
 SAMPLES = six_positions()
 TABLE = {"time": SAMPLES.time} | {
@@ -174,7 +174,7 @@ def outcomes(name: str, folder: Path, seed: int, count: int) -> dict[str, Any]:
 
 def main() -> None:
     """Print the outcomes, with the largest memory of this process and of those it started, kB."""
-    from inercal.io import isolation
+    from inercal.recordings.io import isolation
 
     name, seed, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     with tempfile.TemporaryDirectory() as folder:

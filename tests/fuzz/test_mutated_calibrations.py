@@ -16,8 +16,8 @@ from tests.fuzz.test_mutated_toml import COUNTS, EXAMPLES, require_one_line, tri
 from tests.program import run_program
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
+from inercal.basics.errors import InercalError
 from inercal.calibration.files import as_object, load
-from inercal.errors import InercalError
 
 # As `json.dumps` writes them; a calibration holds none of them where a test puts it by chance.
 VALUES = (

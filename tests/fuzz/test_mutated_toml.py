@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, seed, settings
 from tests.fuzz.toml_mutations import mutated
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.packets.description import PRESETS, parse_layout
 from inercal.host.packets.stream import Decoder
 from inercal.runfile import read

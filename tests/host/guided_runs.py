@@ -10,10 +10,10 @@ import pytest
 from tests.program import Ended, run_program
 
 from inercal.host.sim.server import SimulatorServer
-from inercal.motion import Motion
-from inercal.plan import Hold
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Hold
+from inercal.physics.sensors import G0
 from inercal.runfile import read
-from inercal.sensors import G0
 
 SIX = """\
 [sensor]

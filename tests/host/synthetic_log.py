@@ -20,7 +20,7 @@ from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.packets import PacketLayout, encode, read_layout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog
 from inercal.host.table_state_codec import pack_state
-from inercal.plan import Position, Rotation
+from inercal.physics.plan import Position, Rotation
 from inercal.runfile import Run, read
 
 Array = NDArray[np.float64]

@@ -13,9 +13,10 @@ from typing import Any
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
-from inercal.errors import InputError
 from inercal.host.addresses import (
     allows_second_connection,
     layout_of_address,
@@ -31,7 +32,6 @@ from inercal.host.sim.acutrol import SimulatedAcutrol
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import SimulatorServer
-from inercal.units import Measured
 
 BENCH = Turntable(
     Measured(9.8, 0.0), radians(38), limits=(AxisMotionLimits(radians(90), radians(45)),)

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from tests.host.simulated_runs import plan, quick
 
+from inercal.basics.errors import InputError
 from inercal.calibration.simulated import SIMULATED
 from inercal.cli.app import main
-from inercal.errors import InputError
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
-from inercal.store import Register, RunFacts
+from inercal.laboratory.store import Register, RunFacts
 
 Program = Callable[..., int]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inercal.demonstration import demo
+from inercal.host.demonstration import demo
 
 SEEDS = range(20)
 

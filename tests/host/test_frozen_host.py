@@ -30,8 +30,8 @@ from inercal.host.journal import Journal
 from inercal.host.packets import read_layout
 from inercal.host.precompilation import precompile_run
 from inercal.host.run_completion import finish_run
-from inercal.io.hdf5 import read_group
 from inercal.pipeline import Outcome
+from inercal.recordings.io.hdf5 import read_group
 from inercal.runfile import Run
 
 # A minute and a half that determines all coefficients.

@@ -18,10 +18,10 @@ from tests.benches.generated_runs import (
 )
 from tests.host.guided_runs import measure
 
-from inercal.design.worksheet import run_sheet, table_rows
 from inercal.methods import METHODS
+from inercal.physics.plan import Turn
 from inercal.pipeline import calibrate
-from inercal.plan import Turn
+from inercal.pipeline.design.worksheet import run_sheet, table_rows
 from inercal.runfile import Run, read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

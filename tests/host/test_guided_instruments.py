@@ -11,8 +11,8 @@ import pytest
 from tests.host.guided_runs import Voltmeter, measure, readings, serve, six_positions
 from tests.refusals import refused
 
-from inercal import errors
-from inercal.errors import InputError
+from inercal.basics import errors
+from inercal.basics.errors import InputError
 from inercal.host.guided.instruments import Instrument, numbers_in_reply, read_instruments
 from inercal.host.link import LinkLost
 from inercal.pipeline import calibrate

@@ -16,7 +16,7 @@ from tests.host.guided_runs import LABELS, Terminal, lines, measure, readings, s
 from tests.program import run_program
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.guided import measurement_table
 from inercal.host.guided.measurement_table import MeasurementTable
 from inercal.pipeline import calibrate

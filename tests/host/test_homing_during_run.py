@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from inercal.basics.units import Measured
 from inercal.benches.turntable import Turntable
 from inercal.host.assembly.table_polls import TablePolls
 from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.run_log import TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state, unpack_states
-from inercal.units import Measured
 
 POLL = 0.02  # s
 

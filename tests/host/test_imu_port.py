@@ -12,7 +12,7 @@ from time import monotonic
 import pytest
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.imu_port import ImuPort
 from inercal.host.link import LinkLost, open_link
 from inercal.host.packets import read_layout

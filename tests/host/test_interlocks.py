@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
-from inercal.recording import Track
-from inercal.sensors import imu
-from inercal.units import Measured
+from inercal.physics.sensors import imu
+from inercal.recordings import Track
 
 BENCH = Turntable(
     Measured(9.8, 0.0),

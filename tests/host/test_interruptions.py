@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.interruptions import Interruptions
 from inercal.host.task_sequencer import Command, StopCommand
 

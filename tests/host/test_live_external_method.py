@@ -14,7 +14,7 @@ from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
 from inercal.host.run_completion import FinishedRun, finish_run
 from inercal.methods import METHODS, PartialEstimate
-from inercal.recording import Track
+from inercal.recordings import Track
 from inercal.runfile import Run
 
 REST_BIASES = ('name = "turntable_kalman"', 'name = "rest_biases"')

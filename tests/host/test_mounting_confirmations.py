@@ -21,10 +21,10 @@ from tests.host.in_process_bench import ADDRESSES, InProcessBench
 from tests.host.test_ship_run import Killed, ship
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
 from inercal.cli import mounting_answers, typed_confirmation
 from inercal.cli.bench_view import listen_to_keys
 from inercal.cli.mounting_answers import read_answers
-from inercal.errors import InputError
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.bench_run import BenchRun
 from inercal.host.journal import Journal

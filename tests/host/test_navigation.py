@@ -13,9 +13,9 @@ from inercal.benches.turntable.attitude import reference_attitude
 from inercal.host.assembly import SampleAssembler
 from inercal.host.navigation import NavigationSolution, Navigator
 from inercal.methods.turntable.model import earth_rate_level_frame
-from inercal.recording import Track
+from inercal.physics.sensors.inverse import inverse
+from inercal.recordings import Track
 from inercal.runfile import Run
-from inercal.sensors.inverse import inverse
 
 Array = NDArray[np.float64]
 ARCSEC = radians(1 / 3600)

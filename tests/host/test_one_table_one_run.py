@@ -13,7 +13,7 @@ import pytest
 from tests.host.journal_sections import sections_done
 from tests.host.simulated_runs import INERCAL, SHORT, plan
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL

@@ -16,7 +16,7 @@ import pytest
 from tests.host.in_process_bench import ADDRESSES, InProcessBench
 from tests.host.simulated_runs import HEAD, plan
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host import bench_run
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.bench_run import BenchRun

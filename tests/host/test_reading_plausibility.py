@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.host.synthetic_log import LAYOUT, PATH, Bench, Faults, run_file
 
+from inercal.basics.units import Measured
 from inercal.benches.turntable import Turntable
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.host.assembly import SampleAssembler, SampleBlock
@@ -21,7 +22,6 @@ from inercal.host.live_estimator import LiveEstimator
 from inercal.host.run_log import TABLE, LogFrame
 from inercal.host.table_state_codec import unpack_states
 from inercal.runfile import Run
-from inercal.units import Measured
 
 ARCSEC = radians(1 / 3600)
 STEP = 0.02  # s

@@ -11,16 +11,16 @@ from tests import rest_bias_method
 from tests.host.synthetic_log import LAYOUT, PATH, Bench, Faults, run_file
 
 from inercal.benches import Turntable
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.host.journal import Journal
 from inercal.host.recorder import RunRecorder
 from inercal.host.run_folder import RunFolder, create_run
 from inercal.host.run_log import EVENT, LogFrame, RunLog, read_frames
 from inercal.host.task_sequencer import SectionEvent
 from inercal.methods import METHODS, PartialEstimate
-from inercal.plan import TableStep
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
 from inercal.runfile import read
-from inercal.sensors import Sensor
 
 ADDRESSES = (
     "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000",

@@ -11,13 +11,13 @@ from tests.host.simulated_runs import plan
 from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, content, write
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host import registration
 from inercal.host.journal import Journal
 from inercal.host.registration import RegisterSync, register_run
 from inercal.host.run_folder import JOURNAL, RunFolder, create_run
 from inercal.host.web.runs import Runs
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 ADDRESSES = (
     "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000",

@@ -13,7 +13,7 @@ import pytest
 from tests.host.synthetic_log import PATH, Bench, run_file
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host import recording_writer
 from inercal.host import run_completion as finishing
 from inercal.host.journal import Journal

@@ -9,7 +9,7 @@ from typing import Self
 import pytest
 from tests.host.simulated_runs import plan
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.journal import Journal
 from inercal.host.run_execution import RunInterrupted, execute_run
 from inercal.host.run_folder import RunFolder, create_run

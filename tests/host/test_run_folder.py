@@ -6,7 +6,7 @@ import pytest
 from tests.host.simulated_runs import plan
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import RunFolder, create_run, reopen_run
 from inercal.runfile import read

@@ -22,7 +22,7 @@ from inercal.benches.turntable.reading.host_readback import (
     describe_interruptions,
 )
 from inercal.host.recording_writer import write_recording
-from inercal.io.hdf5 import read_group
+from inercal.recordings.io.hdf5 import read_group
 from inercal.runfile import Run
 
 FULL_RATE = radians(25)  # rad/s

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, file_sha256, read_frames
 
 WRITTEN = [

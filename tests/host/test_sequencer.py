@@ -7,6 +7,7 @@ from math import pi, radians
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.motion_control import TurnTask
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
@@ -20,8 +21,7 @@ from inercal.host.task_sequencer import (
     SectionEvent,
     StopCommand,
 )
-from inercal.plan import Position, Rotation
-from inercal.units import Measured
+from inercal.physics.plan import Position, Rotation
 
 BENCH = Turntable(Measured(9.8, 0.0), radians(38), Measured(0.0, 0.0))
 LIMITS = BENCH.axis_motion_limits

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import ideal_readback
 from inercal.host.bench_simulator import BenchSimulator
@@ -36,7 +37,6 @@ from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.server import SimulatorServer
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import Run, read
-from inercal.units import Measured
 
 MIMU = Path(__file__).parents[2] / "examples" / "turntable" / "mimu.toml"
 AXES = tuple(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.host.link import LinkLost, SerialLink, TcpLink, open_link
@@ -20,11 +21,10 @@ from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.simulated_errors import draw_errors, noise_generator
 from inercal.host.sim.simulator_port import SimulatorPort, TcpPort, TerminalPort
-from inercal.motion import Motion
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Noise, imu
+from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.runfile import Run, read
-from inercal.sensors import Noise, imu
-from inercal.sensors.coefficient_tables import TABLES
-from inercal.units import Measured
 
 PERIOD = 1 / 2000
 MIMU = Path(__file__).parents[2] / "examples" / "turntable" / "mimu.toml"

@@ -11,7 +11,7 @@ import pytest
 from tests.host.simulated_runs import carried_out, plan
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host import devices, run_log, table_lock
 from inercal.host.addresses import table_places
 from inercal.host.bench_simulator import BenchSimulator

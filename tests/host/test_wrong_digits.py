@@ -18,20 +18,20 @@ from scipy.stats import chi2
 import inercal
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.demonstration import DemonstrationResult, demo
-from inercal.frames import log_so3
 from inercal.host import bench_run
 from inercal.host.addresses import open_table
 from inercal.host.assembly.table_polls import POLL_INTERVAL
+from inercal.host.demonstration import DemonstrationResult, demo
 from inercal.host.drivers.rotary_table import RotaryTable, TableState
 from inercal.host.packets import read_layout
 from inercal.host.recording_writer import write_recording
 from inercal.host.run_log import TABLE, RunLog, read_frames
 from inercal.host.table_state_codec import unpack_states
-from inercal.io.hdf5 import read_group
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.recording import Track
+from inercal.physics.frames import log_so3
+from inercal.recordings import Track
+from inercal.recordings.io.hdf5 import read_group
 from inercal.runfile import read
 
 WRONG = 1e-3  # of the digits

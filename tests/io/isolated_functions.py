@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.io.column_table import ReadRequest, Table
+from inercal.recordings.io.column_table import ReadRequest, Table
 
 
 def crash(path: Path, *_: object) -> Table:

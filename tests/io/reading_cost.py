@@ -10,9 +10,9 @@ import resource
 import sys
 from pathlib import Path
 
-from inercal.errors import InputError
-from inercal.io.isolation import end_all
-from inercal.io.read import detect_reader, read_table
+from inercal.basics.errors import InputError
+from inercal.recordings.io.isolation import end_all
+from inercal.recordings.io.read import detect_reader, read_table
 
 
 def main() -> None:

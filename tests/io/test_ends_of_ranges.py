@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.io.audit import audit
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.audit import audit
 
 Array = NDArray[np.float64]
 HZ, REST, MOVE = 100.0, 200, 80

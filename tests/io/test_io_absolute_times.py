@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 from tests.io.log_files import six_positions
 
-from inercal.io.frames import recording_from_frame
-from inercal.io.read import read_readback, read_recording
-from inercal.io.table_recording import Columns
-from inercal.io.write import write_recording
+from inercal.recordings.io.frames import recording_from_frame
+from inercal.recordings.io.read import read_readback, read_recording
+from inercal.recordings.io.table_recording import Columns
+from inercal.recordings.io.write import write_recording
 
 N, STEP = 60, 3_333_333  # samples, ns
 START = 1_700_000_000_123_456_789  # ns since 1970; float64 has every 256th

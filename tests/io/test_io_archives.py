@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 from tests.refusals import refused
 
-from inercal.errors import MissingExtra
-from inercal.io.read import read_table
+from inercal.basics.errors import MissingExtra
+from inercal.recordings.io.read import read_table
 
 T, X = np.arange(3.0), np.array([1, 2, 3], dtype=np.int16)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from tests.refusals import refused
 
-from inercal.io import atomic_files
-from inercal.io.atomic_files import atomic_write, atomic_write_all
+from inercal.basics import atomic_files
+from inercal.basics.atomic_files import atomic_write, atomic_write_all
 
 
 def test_files_appear_together_when_all_are_written(tmp_path: Path):
@@ -48,7 +48,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from inercal.io.atomic_files import atomic_write
+from inercal.basics.atomic_files import atomic_write
 with atomic_write(Path(sys.argv[1])) as temporary:
     temporary.write_text("half")
     if len(sys.argv) > 2:

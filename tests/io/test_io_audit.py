@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.audit import audit, require_accepted
-from inercal.io.read import Columns, read_recording
-from inercal.io.rest_norm import audit_rest_norm
-from inercal.recording import Finding, Recording
-from inercal.sensors import Readout, triad
+from inercal.physics.sensors import Readout, triad
+from inercal.recordings import Finding, Recording
+from inercal.recordings.io.audit import audit, require_accepted
+from inercal.recordings.io.read import Columns, read_recording
+from inercal.recordings.io.rest_norm import audit_rest_norm
 
 G0 = 9.80665
 

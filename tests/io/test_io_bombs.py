@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from tests.refusals import refused
 
-from inercal.io.read import read_table
+from inercal.recordings.io.read import read_table
 
 N = 1_000_000_000  # values
 
@@ -213,8 +213,8 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
             path.write_text("t,ax\n0,1.5\n")
         return sniff(read, skip)
 
-    from inercal.io.text import sniff
+    from inercal.recordings.io.text import sniff
 
-    monkeypatch.setattr("inercal.io.text.sniff", sniffed)
+    monkeypatch.setattr("inercal.recordings.io.text.sniff", sniffed)
     with refused(file=path):
         read_table(path)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.read import Columns, read_recording
+from inercal.recordings.io.read import Columns, read_recording
 
 XY = (("x", "acc", "g"), ("y", "rate", "°/s"))
 TEXT = "ms,acc,rate,T,angle,part\n" + "".join(

@@ -10,9 +10,9 @@ import pyarrow as pa
 import pytest
 from tests.refusals import refused
 
-from inercal.io.column_table import ReadRequest
-from inercal.io.frames import recording_from_frame, table_from_frame
-from inercal.io.read import Columns, read_recording
+from inercal.recordings.io.column_table import ReadRequest
+from inercal.recordings.io.frames import recording_from_frame, table_from_frame
+from inercal.recordings.io.read import Columns, read_recording
 
 pd: Any = pytest.importorskip("pandas", reason="pandas is of the development environment")
 N = 200

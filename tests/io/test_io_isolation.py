@@ -13,8 +13,8 @@ import pytest
 from tests.io import isolated_functions as functions
 from tests.refusals import refused
 
-from inercal.io import isolation
-from inercal.io.isolation import Isolation, read_isolated, stream_isolated
+from inercal.recordings.io import isolation
+from inercal.recordings.io.isolation import Isolation, read_isolated, stream_isolated
 
 ROOT = Path(__file__).parents[2]
 KIND = Isolation("a file of a test", "write it again")
@@ -100,7 +100,7 @@ FORKED = """
 import os, sys
 from pathlib import Path
 from tests.io.isolated_functions import print_and_read
-from inercal.io.isolation import Isolation, read_isolated
+from inercal.recordings.io.isolation import Isolation, read_isolated
 path = Path(sys.argv[1])
 texts = [read_isolated(Isolation("a"), path, print_and_read)]
 forked = os.fork()

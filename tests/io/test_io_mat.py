@@ -11,10 +11,10 @@ import pytest
 import scipy.io
 from tests.refusals import refused
 
-from inercal.errors import MissingExtra
-from inercal.io.column_table import ReadRequest
-from inercal.io.read import read_table
-from inercal.io.variables import table_from_variables
+from inercal.basics.errors import MissingExtra
+from inercal.recordings.io.column_table import ReadRequest
+from inercal.recordings.io.read import read_table
+from inercal.recordings.io.variables import table_from_variables
 
 h5py = pytest.importorskip("h5py", reason="HDF5 files need the extra inercal[io]")
 

@@ -10,12 +10,12 @@ import pyarrow.csv  # here: its modules are no memory of a table
 import pyarrow.parquet as pq
 import pytest
 
-from inercal.io.audit import audit
-from inercal.io.column_table import BLOCK_ROWS
-from inercal.io.read import Columns, read_recording
-from inercal.io.rest_norm import audit_rest_norm
-from inercal.recording import Recording
-from inercal.sensors import imu
+from inercal.physics.sensors import imu
+from inercal.recordings import Recording
+from inercal.recordings.io.audit import audit
+from inercal.recordings.io.column_table import BLOCK_ROWS
+from inercal.recordings.io.read import Columns, read_recording
+from inercal.recordings.io.rest_norm import audit_rest_norm
 
 pa.array([1.0]).to_numpy()  # here: it imports pandas, which is no memory of a table either
 N = 200_000

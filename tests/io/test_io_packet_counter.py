@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.read import Columns, read_recording
-from inercal.io.time_stamps import times_from_counter
+from inercal.recordings.io.read import Columns, read_recording
+from inercal.recordings.io.time_stamps import times_from_counter
 
 
 def test_times_from_a_counter_have_gaps_where_packets_are_lost():

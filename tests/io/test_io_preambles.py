@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.read import Columns, read_recording, read_table
 from inercal.pipeline import calibrate
+from inercal.recordings.io.read import Columns, read_recording, read_table
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]

@@ -15,11 +15,11 @@ import scipy.io
 from tests.refusals import refused
 from tests.runfile.run_file_texts import changed
 
-from inercal.data.recording_loader import file_reader_options, reader_columns
-from inercal.io.read import Columns, detect_reader, read_recording, read_table
-from inercal.io.readers import READERS, Option, Reader
-from inercal.io.text import read_text
 from inercal.pipeline import calibrate
+from inercal.recordings.data.recording_loader import file_reader_options, reader_columns
+from inercal.recordings.io.read import Columns, detect_reader, read_recording, read_table
+from inercal.recordings.io.readers import READERS, Option, Reader
+from inercal.recordings.io.text import read_text
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]
@@ -119,8 +119,9 @@ def test_readers_have_the_names_they_are_registered_by():
 
 def test_no_reader_is_imported_before_a_file_is_read():
     text = (
-        "import sys, inercal.cli.app, inercal.io.read; "
-        "print([n for n in ('hdf5', 'mat', 'npz', 'text') if f'inercal.io.{n}' in sys.modules])"
+        "import sys, inercal.cli.app, inercal.recordings.io.read; "
+        "print([n for n in ('hdf5', 'mat', 'npz', 'text') "
+        "if f'inercal.recordings.io.{n}' in sys.modules])"
     )
     made = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
     assert made.stdout.strip() == "[]"

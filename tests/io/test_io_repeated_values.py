@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from inercal.arrays import Array
-from inercal.io.repeated_values import (
+from inercal.basics.arrays import Array
+from inercal.recordings.io.repeated_values import (
     clipping_values,
     longest_constant_run,
     merge_ranges,

@@ -27,7 +27,7 @@ from tests.io.ros_files import (
     write_bag2,
 )
 
-from inercal.io.read import Columns, read_recording, read_table
+from inercal.recordings.io.read import Columns, read_recording, read_table
 
 X = f"{RAW}.linear_acceleration.x"
 MADE: dict[str, tuple[Callable[..., Path], str]] = {

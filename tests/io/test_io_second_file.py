@@ -9,10 +9,10 @@ import pytest
 from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
-from inercal.io.read import Columns, read_recording
-from inercal.io.write import write_recording
 from inercal.pipeline import apply_data_columns, calibrate, simulate
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.read import Columns, read_recording
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
 
 ACC = (("ax", "x", "g"), ("ay", "y", "g"))

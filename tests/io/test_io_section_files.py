@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.file_patterns import is_pattern, matching_files
-from inercal.io.read import Columns
-from inercal.io.section_files import read_sections
 from inercal.pipeline import calibrate, simulate_files
+from inercal.recordings.io.file_patterns import is_pattern, matching_files
+from inercal.recordings.io.read import Columns
+from inercal.recordings.io.section_files import read_sections
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]

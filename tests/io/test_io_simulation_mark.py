@@ -7,11 +7,11 @@ import h5py
 import numpy as np
 import pytest
 
-from inercal.io.read import Columns, read_recording, read_table
-from inercal.io.section_files import read_sections
-from inercal.io.simulation_mark import read_simulation_mark
-from inercal.io.write import write_recording, write_recordings
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.read import Columns, read_recording, read_table
+from inercal.recordings.io.section_files import read_sections
+from inercal.recordings.io.simulation_mark import read_simulation_mark
+from inercal.recordings.io.write import write_recording, write_recordings
 
 MARK = "simulation of run.toml, seed 3"
 SUFFIXES = (".csv", ".npz", ".parquet")
@@ -64,8 +64,8 @@ def test_rows_of_a_marked_csv_have_the_lines_of_the_file(tmp_path: Path):
 
 
 def test_a_long_marked_csv_is_read_by_the_fast_parser(tmp_path: Path):
-    from inercal.io.plain_numbers import SMALLEST, load_plain
-    from inercal.io.text_layout import sniff
+    from inercal.recordings.io.plain_numbers import SMALLEST, load_plain
+    from inercal.recordings.io.text_layout import sniff
 
     path = tmp_path / "run.csv"
     n = 120_000

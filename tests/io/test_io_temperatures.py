@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.errors import InputError
-from inercal.io.mean_tables import read_means
-from inercal.io.read import read_recording
-from inercal.io.table_recording import Columns
-from inercal.recording import Recording
-from inercal.recording.temperature_readout import temperature_readout
-from inercal.sensors import Noise, Readout, triad
-from inercal.units import ZERO_CELSIUS
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
+from inercal.physics.sensors import Noise, Readout, triad
+from inercal.recordings import Recording
+from inercal.recordings.io.mean_tables import read_means
+from inercal.recordings.io.read import read_recording
+from inercal.recordings.io.table_recording import Columns
+from inercal.recordings.temperature_readout import temperature_readout
 
 ROWS = 200
 

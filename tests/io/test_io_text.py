@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.read import read_table
+from inercal.recordings.io.read import read_table
 
 NUMBERS = [[0.0, 1.5], [0.1, -2.5e-3], [0.2, 3.25]]
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.audit import audit
-from inercal.io.read import Columns, read_recording
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.audit import audit
+from inercal.recordings.io.read import Columns, read_recording
 
 CHANNELS = (("x", "ax", "g"), ("y", "ay", "g"))
 N = 400

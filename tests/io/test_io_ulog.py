@@ -20,7 +20,7 @@ from tests.io.log_files import (
 )
 from tests.refusals import refused
 
-from inercal.io.read import Columns, read_recording, read_table
+from inercal.recordings.io.read import Columns, read_recording, read_table
 
 core: Any = pytest.importorskip("pyulog.core", reason="ULog files need the extra inercal[px4]")
 ACC = tuple(f"sensor_combined.accelerometer_m_s2[{k}]" for k in range(3))

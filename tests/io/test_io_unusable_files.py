@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.read import Columns, read_recording, read_table
+from inercal.recordings.io.read import Columns, read_recording, read_table
 
 COLUMNS = Columns(channels=(("x", "x", "g"), ("y", "y", "g")), time="t")
 GOOD = "t,x,y\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(200))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.io.atomic_files import atomic_write
-from inercal.io.read import read_recording
-from inercal.io.write import write_recording
-from inercal.recording import Recording
+from inercal.basics.atomic_files import atomic_write
+from inercal.recordings import Recording
+from inercal.recordings.io.read import read_recording
+from inercal.recordings.io.write import write_recording
 
 
 def recording(**changes: object) -> Recording:

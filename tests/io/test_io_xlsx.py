@@ -13,7 +13,7 @@ from tests.io.log_files import SAMPLES
 from tests.io.test_io_bombs import cost
 from tests.refusals import refused
 
-from inercal.io.read import Columns, detect_reader, read_recording, read_table
+from inercal.recordings.io.read import Columns, detect_reader, read_recording, read_table
 
 openpyxl: Any = pytest.importorskip("openpyxl", reason="workbooks need the extra inercal[excel]")
 HEADER = ("t", "ax", "label")

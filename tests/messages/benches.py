@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.units import Measured
 from inercal.benches import DividingHead, RateTable, Turntable
 from inercal.benches.dividing_head.bench import position_plan
 from inercal.benches.dividing_head.bench import sensed_motion as head_motion
@@ -18,12 +19,11 @@ from inercal.benches.turntable.reading.readback_clock import align_readback
 from inercal.benches.turntable.reading.track_checks import check_track
 from inercal.benches.turntable.settings import TurntableSection, build
 from inercal.benches.turntable.simulation import path_profile
-from inercal.earth import normal_gravity
-from inercal.plan import Position, Rotation, Spin
-from inercal.recording import Track
-from inercal.section_settings import si_value
-from inercal.sensors.catalogue import imu
-from inercal.units import Measured
+from inercal.physics.earth import normal_gravity
+from inercal.physics.plan import Position, Rotation, Spin
+from inercal.physics.section_settings import si_value
+from inercal.physics.sensors.catalogue import imu
+from inercal.recordings import Track
 
 GRAVITY = Measured(9.81, 0.0)
 TABLE = Turntable(GRAVITY, radians(38))

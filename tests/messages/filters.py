@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 from tests.accuracy.ferraris import DEGREE
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand, Turntable
-from inercal.estimate import Gauge, Gaussian, Problem, least_squares
+from inercal.estimation import Gauge, Gaussian, Problem, least_squares
+from inercal.estimation.uncertainty import pooled_mean_covariances
 from inercal.methods.multi_position import METHOD as HAND_METHOD
 from inercal.methods.multi_position import joint
 from inercal.methods.multi_position.timing import gyro_delay
@@ -18,11 +20,9 @@ from inercal.methods.turntable_discrete import METHOD as MEANS
 from inercal.methods.turntable_kalman import METHOD as FILTERS
 from inercal.methods.turntable_kalman.combined_estimate import split_priors
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.plan import Position
-from inercal.recording import Observations, Track
-from inercal.sensors import Noise, Sensor, imu
-from inercal.uncertainty import pooled_mean_covariances
-from inercal.units import Measured
+from inercal.physics.plan import Position
+from inercal.physics.sensors import Noise, Sensor, imu
+from inercal.recordings import Observations, Track
 
 DESIGN = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]])
 PROBLEM = Problem(

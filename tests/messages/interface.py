@@ -5,14 +5,14 @@ from pathlib import Path
 
 from tests.runfile.run_file_texts import FERRARIS, changed
 
-from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.cli.bench_options import run_options
 from inercal.cli.outputs import PAGE, WORKSHEET, check_outputs, require_same_run
-from inercal.design import rehearse_plan
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.address import resolve_address
 from inercal.pipeline import simulate
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.pipeline.design import rehearse_plan
 from inercal.runfile import read
-from inercal.store import Register
-from inercal.store.address import resolve_address
 
 
 def occupied(folder: Path) -> Path:

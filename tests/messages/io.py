@@ -6,19 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal import frames
+from inercal.basics.units import parse_quantity
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
-from inercal.data.rest_marks import marks_from_file
-from inercal.io.audit import audit, require_accepted
-from inercal.io.read import Columns, read_recording, read_table
-from inercal.io.time_stamps import times_from_counter
-from inercal.io.write import write_recording
 from inercal.methods import METHODS
-from inercal.recording import Mark, Recording
-from inercal.segments import check_marks, find_rests, marks_from_labels, require_still
-from inercal.sensors import Noise, inverse, triad
-from inercal.units import parse_quantity
+from inercal.physics import frames
+from inercal.physics.sensors import Noise, inverse, triad
+from inercal.recordings import Mark, Recording
+from inercal.recordings.data.rest_marks import marks_from_file
+from inercal.recordings.io.audit import audit, require_accepted
+from inercal.recordings.io.read import Columns, read_recording, read_table
+from inercal.recordings.io.time_stamps import times_from_counter
+from inercal.recordings.io.write import write_recording
+from inercal.recordings.segments import check_marks, find_rests, marks_from_labels, require_still
 
 COLUMNS = Columns((("x", "x", "g"), ("y", "y", "g")), time="t")
 TRIAD = triad()

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from inercal.basics.units import Measured
 from inercal.benches import RateTable
 from inercal.benches.rate_table.fixture import planar_plan
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods import METHODS
 from inercal.methods.centrifuge_norm import arm_plans
 from inercal.methods.centrifuge_norm.rotation_gauge import require_gauge
@@ -23,11 +24,10 @@ from inercal.methods.observability import require_bias_scale_separation
 from inercal.methods.ship_planar import require_excitation
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.methods.tumble_harmonics import not_observed_error, require_even_spacing
-from inercal.plan import Index, six_positions
-from inercal.recording import Observations
-from inercal.sensors import Sensor, imu, pair, single, triad
+from inercal.physics.plan import Index, six_positions
+from inercal.physics.sensors import Sensor, imu, pair, single, triad
+from inercal.recordings import Observations
 from inercal.studies import reproduce
-from inercal.units import Measured
 
 STEPS = [Index(f"p{k}", k * pi / 6) for k in range(12)]
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from inercal.check_standard.bench_charts import bench_charts
-from inercal.qualification.input_file import qualify
-from inercal.qualification.measurements.radius import RadiusSensor, radius_by_sensor
-from inercal.qualification.qualification_file import load, save
-from inercal.qualification.succession import drift_between
+from inercal.benches.qualification.input_file import qualify
+from inercal.benches.qualification.measurements.radius import RadiusSensor, radius_by_sensor
+from inercal.benches.qualification.qualification_file import load, save
+from inercal.benches.qualification.succession import drift_between
+from inercal.laboratory.check_standard.bench_charts import bench_charts
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.bench_calibrations import calibrations_of_bench
 from inercal.runfile import read
-from inercal.store import Register
-from inercal.store.bench_calibrations import calibrations_of_bench
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "qualify"
 HEAD = """

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from tests.test_glossary import BANNED
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 
 FOLDER = Path(__file__).parent
 PARTS = sorted(one.stem for one in FOLDER.glob("*.py") if not one.stem.startswith(("_", "test_")))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.basics.units import Measured
 from inercal.benches import (
     Bench,
     Centrifuge,
@@ -20,12 +21,11 @@ from inercal.benches import (
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.benches.turntable.attitude import ideal_readback, motion
 from inercal.benches.turntable.simulation import path_profile
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods import METHODS
-from inercal.plan import Position, Rotation
-from inercal.recording import Observations, Track
-from inercal.sensors import Noise, Sensor, imu
-from inercal.units import Measured
+from inercal.physics.plan import Position, Rotation
+from inercal.physics.sensors import Noise, Sensor, imu
+from inercal.recordings import Observations, Track
 
 Array = NDArray[np.float64]
 G = Measured(9.81, 1e-4)

@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 from tests.accuracy import dividing_head as made
 from tests.accuracy.dividing_head import ARCSEC, TERMS, Bench, draw
 
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import (
     DividingHead,
     mounted_sensor,
     position_plan,
     sensed_motion,
 )
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
-from inercal.plan import Index
-from inercal.recording import Observations
-from inercal.sensors import G0
-from inercal.units import Measured
+from inercal.physics.plan import Index
+from inercal.physics.sensors import G0
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 SENSOR = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")

@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 from tests.accuracy import rate_table as made
 from tests.accuracy.rate_table import PLANAR, RADIUS, TILTED, Bench, Draw, draw, random_pose_forces
 
+from inercal.basics.units import Measured
 from inercal.benches.rate_table.bench import RateTable
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import G0, triad
-from inercal.sensors.affine import to_affine
-from inercal.units import Measured
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, triad
+from inercal.physics.sensors.affine import to_affine
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")

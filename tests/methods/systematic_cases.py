@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from tests.methods import systematic_table as made
 
+from inercal.basics.units import Measured
 from inercal.benches.turntable.reading.still_table_observation import find_rests
 from inercal.benches.turntable.still_table import StillTable
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import method
-from inercal.recording import Observations, Track
-from inercal.sensors import Noise, Readout, Sensor, imu
-from inercal.units import Measured
+from inercal.physics.sensors import Noise, Readout, Sensor, imu
+from inercal.recordings import Observations, Track
 
 METHOD = method("systematic")
 

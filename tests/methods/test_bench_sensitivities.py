@@ -15,7 +15,7 @@ from tests.methods.bench_sensitivity_cases import BENCHES, STATED, Case, case
 
 from inercal.benches import Bench, DividingHead
 from inercal.methods import METHODS
-from inercal.sensors import G0
+from inercal.physics.sensors import G0
 
 TABLE = ("g", "lean_x", "azimuth", "square_1", "square_2", "cos1[inner]")
 ARM = ("g", "radius", "stretch", "rate", "tilt", "latitude")

@@ -26,12 +26,12 @@ from tests.methods.test_centrifuge_norm import (
     table,
 )
 
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
-from inercal.errors import InputError, NotObserved
 from inercal.methods.centrifuge_norm import ml
-from inercal.plan import Attitude, Spin, arm_attitude
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.plan import Attitude, Spin, arm_attitude
+from inercal.physics.sensors import Sensor
 
 Array = NDArray[np.float64]
 # In the printed attitudes `up` has no y: of the nine components these five act on the readings.

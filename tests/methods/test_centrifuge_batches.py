@@ -8,15 +8,15 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from tests.accuracy.centrifuge import PAPER_G, RATES, Triad, full_circle, sensed_motion
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.centrifuge_norm import ml
 from inercal.methods.centrifuge_norm.problems import norm_problem
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import Sensor, triad
-from inercal.units import Measured
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor, triad
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 TRIALS = 11

@@ -20,9 +20,10 @@ from tests.accuracy.centrifuge import (
 )
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.centrifuge_norm import (
     ClosedFormulas,
     closed_formulas,
@@ -31,10 +32,9 @@ from inercal.methods.centrifuge_norm import (
     series,
     series_weighted,
 )
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import G0, Form, Readout, Sensor, triad
-from inercal.units import Measured
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, Form, Readout, Sensor, triad
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 TRUTH = Triad()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tests.accuracy.centrifuge import RATES, Triad, full_circle, sensed_motion
 from tests.methods.test_centrifuge_norm import BENCH, NOISE, TRUTH, table
 
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.centrifuge_norm import ml, series, series_weighted
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
 from inercal.methods.centrifuge_norm.screening import screen_rows

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.accuracy.centrifuge import RATES, Triad, full_circle, printed_attitudes, sensed_motion
 from tests.methods.test_centrifuge_norm import BENCH, NOISE, table
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.methods.centrifuge_norm.screening import screen_rows
 
 Array = NDArray[np.float64]

@@ -16,12 +16,12 @@ from tests.accuracy.tumble import Scale
 from tests.methods import tumble_cases as tumble
 from tests.methods.dual_orthogonal_cases import SENSOR, WHOLE, Case, case, known
 
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.methods.tumble import fourier, least_squares
-from inercal.sensors import G0
-from inercal.units import Measured
+from inercal.physics.sensors import G0
 
 Array = NDArray[np.float64]
 LEVEL = 0.005  # of χ² with the other tests, and of the score tests

@@ -25,10 +25,10 @@ from tests.methods.dual_orthogonal_cases import (
     squared,
 )
 
-from inercal.estimate import Estimate
+from inercal.basics.units import Measured
+from inercal.estimation import Estimate
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
-from inercal.sensors import G0
-from inercal.units import Measured
+from inercal.physics.sensors import G0
 
 Array = NDArray[np.float64]
 TABLE = {

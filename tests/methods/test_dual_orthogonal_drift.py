@@ -32,9 +32,9 @@ from tests.methods.dual_orthogonal_cases import (
     rms,
 )
 
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.dual_orthogonal import joint
-from inercal.sensors import G0
+from inercal.physics.sensors import G0
 
 DRIFT = 2e-6  # g
 TABLE = {

@@ -8,12 +8,12 @@ from tests.accuracy.dividing_head import LARGE, Bench
 from tests.methods.dual_orthogonal_cases import SENSOR, case, known, nominal, observed
 from tests.refusals import refused
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent
-from inercal.sensors import G0, Sensor, pair
-from inercal.units import Measured
+from inercal.physics.sensors import G0, Sensor, pair
 
 
 def test_dual_names_what_it_does_not_see():

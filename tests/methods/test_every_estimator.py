@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import (
     Bench,
     Centrifuge,
@@ -20,14 +21,13 @@ from inercal.benches import (
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.benches.turntable.attitude import motion as on_turntable
 from inercal.benches.turntable.simulation import path_profile
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods import METHODS
-from inercal.motion import Motion
-from inercal.plan import Position, TableStep
-from inercal.recording import Observations, Track
-from inercal.sensors import Noise, Sensor, imu
-from inercal.sensors.affine import to_affine
-from inercal.units import Measured
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Position, TableStep
+from inercal.physics.sensors import Noise, Sensor, imu
+from inercal.physics.sensors.affine import to_affine
+from inercal.recordings import Observations, Track
 
 BENCH = Hand(Measured(9.81, 1e-4), np.pi / 2, tilt=1e-4, turn_angle=1e-4, turn_tilt=1e-4)
 TABLE = RateTable(Measured(9.81, 1e-4), Measured(0.25, 1e-6), pose=1e-4, speed=1e-6)

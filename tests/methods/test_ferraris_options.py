@@ -15,12 +15,12 @@ from tests.accuracy.inercal_inputs import make_bench, make_observations, true_co
 from tests.refusals import refused
 
 from inercal.benches import Hand
-from inercal.estimate import Estimate
-from inercal.io.write import write_recording
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
+from inercal.physics.sensors import Sensor, imu
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
-from inercal.sensors import Sensor, imu
 
 METHOD = METHODS["ferraris"]
 HANDS = Handling(

@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 from tests.accuracy.ferraris import mems
 from tests.accuracy.handheld import Session, about_one_axis, directions, planar, record
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
 from inercal.methods.multi_position.attitude_coverage import CUBE_DIRECTIONS
-from inercal.plan import Hold
-from inercal.recording import Mark, Recording
-from inercal.segments import (
+from inercal.physics.plan import Hold
+from inercal.physics.sensors import imu
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
     transitions_between_rests,
 )
-from inercal.sensors import imu
-from inercal.units import Measured
 
 Array = NDArray[np.float64]
 METHOD = METHODS["multi_position"]

@@ -11,20 +11,20 @@ from tests.accuracy.ferraris import record as faces
 from tests.accuracy.handheld import Session, record
 from tests.accuracy.inercal_inputs import make_bench, make_marks, recording
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.calibration.detectability import undetectable_causes
 from inercal.calibration.grade import assess
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import METHODS
-from inercal.recording import Mark, Recording
-from inercal.segments import (
+from inercal.physics.sensors import imu
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
     transitions_between_rests,
 )
-from inercal.sensors import imu
-from inercal.units import Measured
 
 Array = NDArray[np.float64]
 Change = Callable[[Array], None]

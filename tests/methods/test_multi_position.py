@@ -20,21 +20,21 @@ from tests.accuracy.handheld import (
     triangular,
 )
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
-from inercal.estimate.residual_scatter import ScatterModel
+from inercal.estimation import Gaussian
+from inercal.estimation.residual_scatter import ScatterModel
 from inercal.methods.multi_position import METHOD, joint, sequential
 from inercal.methods.multi_position._kernels import integrate_transitions
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.multi_position.row_whitening import whitener
 from inercal.methods.multi_position.timing import gyro_delay
-from inercal.recording import Mark, Observations, Recording, Transitions
-from inercal.segments import transitions_between_rests
-from inercal.segments.section_means import observe
-from inercal.sensors import Sensor, imu
-from inercal.units import Measured
+from inercal.physics.sensors import Sensor, imu
+from inercal.recordings import Mark, Observations, Recording, Transitions
+from inercal.recordings.segments import transitions_between_rests
+from inercal.recordings.segments.section_means import observe
 
 Array = NDArray[np.float64]
 SESSION = Session(latitude=47 * DEGREE, gravity_sd=2e-4)

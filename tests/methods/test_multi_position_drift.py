@@ -14,7 +14,7 @@ from tests.methods.test_multi_position import BENCH, SESSION, observed, session,
 from inercal.methods.multi_position import METHOD, joint
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.row_whitening import whitener, whitener_with_drift
-from inercal.sensors import Noise, imu
+from inercal.physics.sensors import Noise, imu
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ import pytest
 from tests.accuracy.ferraris import DEGREE, FerrarisSession, Handling, mems, record
 from tests.accuracy.inercal_inputs import make_bench, make_observations
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.methods import METHODS
-from inercal.plan import HandStep
-from inercal.recording import Finding
-from inercal.segments import check_against_plan
-from inercal.sensors import imu
+from inercal.physics.plan import HandStep
+from inercal.physics.sensors import imu
+from inercal.recordings import Finding
+from inercal.recordings.segments import check_against_plan
 
 HANDS = Handling(
     gravity_sd=2e-4,

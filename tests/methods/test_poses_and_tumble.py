@@ -14,15 +14,15 @@ from tests.methods.platform_devices import Table, devices, plan
 from tests.methods.test_rates_and_poses import G_TERMS, bench, errors, estimated, nees
 from tests.refusals import refused
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
 from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.sections import Pose
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.rates_and_poses import ml
 from inercal.methods.rates_and_poses.platform_plans import plan as platform_plan
-from inercal.recording import Observations
-from inercal.sensors import ACCELEROMETER, G0, GYRO, triad
-from inercal.units import Measured
+from inercal.physics.sensors import ACCELEROMETER, G0, GYRO, triad
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 G, NOISE, N = 9.81, 50e-6 * G0, 100

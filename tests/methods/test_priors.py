@@ -6,9 +6,9 @@ from tests.accuracy.ferraris import DEGREE, Handling, mems, record
 from tests.accuracy.inercal_inputs import make_bench, make_observations
 from tests.refusals import refused
 
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods import METHODS
-from inercal.sensors import imu
+from inercal.physics.sensors import imu
 
 # Nearly exact faces and turns: the problem is then linear, and the dense formula exact.
 HANDS = Handling(

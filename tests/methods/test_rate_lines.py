@@ -21,20 +21,20 @@ from tests.methods.platform_devices import (
 )
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches.rate_platform import RatePlatform
-from inercal.benches.rate_platform.dead_band import find_dead_band
 from inercal.benches.rate_platform.linearity import LineFit, linearity_notes, straight_lines
+from inercal.benches.rate_platform.reading import find_dead_band
 from inercal.benches.rate_platform.scale_factors import speed_scales
 from inercal.benches.rate_platform.sections import RateDwell
-from inercal.estimate import Estimate, Gaussian
-from inercal.io.write import write_recording
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods import METHODS
 from inercal.methods.rates_and_poses.equal_weights import least_squares_line
+from inercal.physics.sensors import Sensor, triad
 from inercal.pipeline import apply, apply_data_columns, calibrate, simulate
-from inercal.recording import Observations
+from inercal.recordings import Observations
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
-from inercal.sensors import Sensor, triad
-from inercal.units import Measured
 
 LINEAR = ("bias", "scale", "delta_o", "delta_p")
 LATITUDE = float(np.radians(50.0))

@@ -30,15 +30,15 @@ from tests.methods.platform_devices import (
 )
 from tests.refusals import refused
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import Measured
 from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, RateDwell
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian
-from inercal.keys import CoefficientName
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.rates_and_poses import ml
-from inercal.recording import Observations
-from inercal.sensors import GYRO, triad
-from inercal.units import Measured
+from inercal.physics.sensors import GYRO, triad
+from inercal.recordings import Observations
 
 LINEAR = ("bias", "scale", "delta_o", "delta_p")
 ALL = (*LINEAR, "scale2", "scale3", "scale_prime")

@@ -15,16 +15,16 @@ from tests.accuracy import ferraris, handheld
 from tests.accuracy.ferraris import DEGREE, Handling, Imu, mems
 from tests.methods.test_multi_position import BENCH, SESSION, observed, truth
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import method
 from inercal.methods.multi_position import METHOD, joint
+from inercal.physics.sensors import Sensor, imu
 from inercal.pipeline import Outcome, calibrate
-from inercal.recording import Mark, Recording
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments.section_means import observe
 from inercal.runfile import read
-from inercal.segments.section_means import observe
-from inercal.sensors import Sensor, imu
-from inercal.units import Measured
 
 Array = NDArray[np.float64]
 ReadOut = Callable[[Array], Array]

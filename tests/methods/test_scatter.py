@@ -7,15 +7,15 @@ import pytest
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.estimate.residual_scatter import ScatterModel
+from inercal.estimation.residual_scatter import ScatterModel
 from inercal.methods import METHODS
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.stages import fit_accelerometers, fit_gyros
-from inercal.recording import Mark, Recording
-from inercal.segments import holds_from_marks, observe, transitions_between_rests
-from inercal.sensors import imu
-from inercal.units import Measured
+from inercal.physics.sensors import imu
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import holds_from_marks, observe, transitions_between_rests
 
 METHOD = METHODS["multi_position"]
 STILL = Session(latitude=47 * DEGREE, gravity_sd=2e-4)

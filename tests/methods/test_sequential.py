@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from tests import rest_bias_method
 
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.paths import systematic_path
 from inercal.benches.turntable.simulation import path_profile
-from inercal.keys import CoefficientName
 from inercal.methods import METHODS, Method, PartialEstimate, Sequential
 from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, run_filter
-from inercal.plan import Position, Rotation
-from inercal.recording import Track
-from inercal.sensors import Noise, Sensor, imu
-from inercal.units import Measured
+from inercal.physics.plan import Position, Rotation
+from inercal.physics.sensors import Noise, Sensor, imu
+from inercal.recordings import Track
 
 RATE = 50.0  # Hz
 TABLE = Turntable(

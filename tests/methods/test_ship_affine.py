@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from tests.methods.ship_cases import SENSOR, case
 
-from inercal.errors import InputError
-from inercal.motion import Motion
-from inercal.sensors import G0, imu, triad
-from inercal.sensors.affine import (
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty import jacobian, propagate
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, imu, triad
+from inercal.physics.sensors.affine import (
     AFFINE_NAMES,
     IDENTITY_PARAMETERS,
     AffineModel,
     to_affine,
     to_coefficients,
 )
-from inercal.uncertainty import jacobian, propagate
 
 RNG = np.random.default_rng(1)
 C = case(1, 1).truth[0]

@@ -22,12 +22,12 @@ from tests.methods.ship_cases import (
 from inercal.benches.rate_table.bench import sensed_motion
 from inercal.benches.rate_table.fixture import is_tilted
 from inercal.calibration.grade import assess
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.ship_consistency import row_covariance
 from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.global_search import SearchOptions
 from inercal.methods.ship_planar import fit_level_states
-from inercal.sensors import G0
+from inercal.physics.sensors import G0
 
 Array = NDArray[np.float64]
 Effect = Callable[[Case, int, float], Array]

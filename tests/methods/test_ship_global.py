@@ -18,8 +18,8 @@ from tests.base_seeds import SEEDS
 from tests.methods.ship_cases import SENSOR, Case, case, off
 from tests.refusals import refused
 
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
+from inercal.basics.errors import NotObserved
+from inercal.estimation import Gaussian
 from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.global_search import (
     GOAL,
@@ -30,7 +30,7 @@ from inercal.methods.ship_multi_angle.global_search import (
 )
 from inercal.methods.ship_multi_angle.norm_equations import damped_solution
 from inercal.methods.ship_planar import fit_level_states
-from inercal.sensors.affine import AffineModel
+from inercal.physics.sensors.affine import AffineModel
 
 SQUARE = np.array([centripetal(state[3]) ** 2 + 1 for state in TILTED])
 

@@ -29,6 +29,7 @@ from tests.methods.ship_cases import (
 )
 from tests.refusals import refused
 
+from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import sensed_motion
 from inercal.benches.rate_table.fixture import (
     TiltConvention,
@@ -36,14 +37,13 @@ from inercal.benches.rate_table.fixture import (
     multi_angle_plan,
     planar_plan,
 )
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.ship_multi_angle import METHOD, damped, joint, plan, planar
 from inercal.methods.ship_multi_angle import norm_equations as by_norms
 from inercal.methods.ship_multi_angle.free_norm_directions import free_directions, group_information
 from inercal.methods.ship_planar import fit_level_states
-from inercal.sensors import G0
-from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel, to_affine
+from inercal.physics.sensors import G0
+from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel, to_affine
 
 Array = NDArray[np.float64]
 READINGS: tuple[TiltConvention, ...] = ("azimuth", "dihedral", "successive")

@@ -28,11 +28,11 @@ from tests.methods.ship_cases import (
 )
 from tests.refusals import refused
 
+from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.fixture import planar_plan
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.ship_planar import METHOD, planar
-from inercal.sensors.affine import to_affine
+from inercal.physics.sensors.affine import to_affine
 
 NINE = planar_plan()
 

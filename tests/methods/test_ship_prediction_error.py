@@ -7,10 +7,10 @@ import pytest
 from tests.accuracy.rate_table import RADIUS
 from tests.methods.ship_cases import ESTIMATORS, SENSOR, case
 
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.prediction_error import expected_error, pose_forces, prediction_note
-from inercal.sensors import G0
-from inercal.sensors.affine import to_affine
+from inercal.physics.sensors import G0
+from inercal.physics.sensors.affine import to_affine
 
 FASTEST = 86 * np.pi / 30
 

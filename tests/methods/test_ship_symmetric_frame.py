@@ -9,13 +9,13 @@ from tests.accuracy.rate_table import Bench
 from tests.methods.ship_cases import EXACT, SENSOR, Case, case, observed
 from tests.refusals import refused
 
+from inercal.basics.errors import NotObserved
 from inercal.calibration import Calibration
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.ship_multi_angle import damped, global_, norm_equations
 from inercal.methods.ship_multi_angle.global_search import Bounds, SearchOptions
-from inercal.sensors import G0
-from inercal.sensors.affine import AffineModel, to_affine
+from inercal.physics.sensors import G0
+from inercal.physics.sensors.affine import AffineModel, to_affine
 
 Array = NDArray[np.float64]
 FRAMED = replace(SENSOR, frame="symmetric")

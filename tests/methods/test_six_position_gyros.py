@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.calibration import Calibration
-from inercal.io.write import write_recording
 from inercal.methods import METHODS
+from inercal.physics.plan import six_positions
+from inercal.physics.sensors import imu
 from inercal.pipeline import Outcome, calibrate, simulate
 from inercal.pipeline.run_simulation import apply_data_columns
-from inercal.plan import six_positions
-from inercal.recording import Observations
+from inercal.recordings import Observations
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
-from inercal.sensors import imu
-from inercal.units import Measured
 
 EARTH = 7.292115e-5  # rad/s
 

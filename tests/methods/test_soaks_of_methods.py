@@ -16,15 +16,15 @@ from tests.base_seeds import SEEDS
 from tests.methods.test_every_estimator import ARM, BENCH, HEAD, PLATFORM, TABLE
 from tests.methods.test_temperature import FIRST, priors
 
+from inercal.basics.units import Measured
 from inercal.benches import DividingHead
 from inercal.benches.dividing_head.bench import mounted_sensor
-from inercal.environment import Environment
-from inercal.environment.common_errors import changed_by_soak_errors
-from inercal.environment.soaks import with_soak_errors
 from inercal.methods import METHODS
-from inercal.recording import Observations
-from inercal.sensors import imu
-from inercal.units import Measured
+from inercal.physics.sensors import imu
+from inercal.recordings import Observations
+from inercal.recordings.environment import Environment
+from inercal.recordings.environment.common_errors import changed_by_soak_errors
+from inercal.recordings.environment.soaks import with_soak_errors
 
 KELVIN = (263.15, 293.15, 333.15)
 TRIALS = 8  # of each seed

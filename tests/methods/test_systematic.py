@@ -17,8 +17,8 @@ from tests.methods.systematic_cases import (
 )
 from tests.refusals import refused
 
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian
+from inercal.basics.errors import InputError, NotObserved
+from inercal.estimation import Gaussian
 from inercal.methods.systematic import segments as segments_module
 from inercal.methods.systematic.alignment import MAX_DISAGREEMENT, largest_force_angle
 from inercal.methods.systematic.generalised_least_squares import solve
@@ -272,8 +272,8 @@ def test_gravity_that_is_wrong_moves_scale_factors_and_nothing_shows_it():
 
 
 def test_gravity_and_latitude_enter_as_shared_errors():
+    from inercal.basics.units import Measured
     from inercal.benches.turntable.still_table import StillTable
-    from inercal.units import Measured
 
     table, sensor = made.Table(), sensor_of(made.NAVIGATION)
     seen = observations_of(device("N", table=table), sensor)

@@ -18,12 +18,12 @@ from tests.methods.systematic_cases import (
 )
 from tests.refusals import refused
 
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian
+from inercal.basics.errors import InputError, NotObserved
+from inercal.estimation import Gaussian
 from inercal.methods.systematic.filter_estimators import solve_by_filter
 from inercal.methods.systematic.live_filter import LiveNavigation
-from inercal.recording import Track
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Track
 
 SHORT = made.Table(rest=12.0, first=12.0, last=12.0)
 # Stated deviations of the filter with a velocity of rests known to 0.01 mm/s, navigation grade, in

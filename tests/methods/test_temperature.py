@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from tests.methods.test_every_estimator import bench_of
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import DividingHead, Turntable
 from inercal.benches.dividing_head.bench import mounted_sensor
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods import METHODS
 from inercal.methods.temperature import temperature_coefficients
-from inercal.motion import Motion
-from inercal.recording import TEMPERATURE_VARIATION, Observations, Track, join_observations
-from inercal.sensors import Sensor, imu
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor, imu
+from inercal.recordings import TEMPERATURE_VARIATION, Observations, Track, join_observations
 
 Array = NDArray[np.float64]
 TEMPERATURES = (263.15, 323.15)

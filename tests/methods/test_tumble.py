@@ -27,11 +27,11 @@ from tests.methods.tumble_cases import (
 )
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.methods.tumble import METHOD, fourier, least_squares
-from inercal.plan import Index
-from inercal.sensors import G0, single
-from inercal.units import Measured
+from inercal.physics.plan import Index
+from inercal.physics.sensors import G0, single
 
 # Exactness
 

@@ -20,14 +20,14 @@ from tests.methods.tumble_cases import (
 )
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import mounted_sensor
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.tumble import METHOD, fourier, least_squares
 from inercal.methods.tumble_harmonics import folded_harmonics
-from inercal.plan import Index
-from inercal.sensors import single, triad
-from inercal.units import Measured
+from inercal.physics.plan import Index
+from inercal.physics.sensors import single, triad
 
 
 @pytest.mark.parametrize(

@@ -29,11 +29,11 @@ from tests.methods.tumble_cases import (
     truth,
 )
 
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.methods.tumble import fourier, least_squares
-from inercal.plan import Index
-from inercal.sensors import G0, Sensor
-from inercal.units import Measured
+from inercal.physics.plan import Index
+from inercal.physics.sensors import G0, Sensor
 
 DRAWN = DividingHead(
     Measured(G * G0, 3e-6 * G0),

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from tests.host.synthetic_log import LAYOUT, PATH, Bench, run_file
 
+from inercal.basics.errors import InputError
 from inercal.benches.turntable import require_turntable
-from inercal.errors import InputError
 from inercal.host.assembly import SampleAssembler
 from inercal.methods.turntable_kalman._filter_steps import MAX_REJECTIONS, is_rejected
 from inercal.methods.turntable_kalman.filter import RunningFilter
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS, FilterKind
-from inercal.recording import AngleQuality, Track
+from inercal.recordings import AngleQuality, Track
 from inercal.runfile import Run
 
 ARCSEC = np.radians(1 / 3600)

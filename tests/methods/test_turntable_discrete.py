@@ -22,11 +22,11 @@ from tests.methods.turntable_cases import (
 )
 from tests.refusals import refused
 
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian
+from inercal.basics.errors import InputError, NotObserved
+from inercal.estimation import Gaussian
 from inercal.methods.turntable_discrete import least_squares
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 QUIET = made_by.Grade(0, 0, 0, 0)
 PLAIN = made_by.Table(harmonics=(0, 0), white=0, square=0, lean=0, azimuth=0, latency=0)

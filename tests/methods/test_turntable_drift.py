@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tests.accuracy import turntable
 from tests.refusals import refused
 
-from inercal.estimate.kalman import predict
+from inercal.estimation.kalman import predict
 from inercal.methods.turntable.drift import (
     MIN_FLICKER_SPAN,
     Drift,
@@ -18,7 +18,7 @@ from inercal.methods.turntable.drift import (
     flicker_processes,
 )
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
-from inercal.sensors import Noise
+from inercal.physics.sensors import Noise
 
 Array = NDArray[np.float64]
 FLAT = sqrt(2 * log(2) / pi)  # Allan deviation of flicker with B = 1, IEEE Std 952

@@ -14,10 +14,10 @@ from tests.methods.turntable_cases import TABLE, bench, columns, observations, s
 from tests.refusals import refused
 
 from inercal.benches import Turntable
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.turntable_kalman import METHOD
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
 
 Array = NDArray[np.float64]
 DEG_H = radians(1) / 3600

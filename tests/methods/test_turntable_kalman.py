@@ -27,17 +27,17 @@ from tests.methods.turntable_cases import (
 )
 from tests.refusals import refused
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
-from inercal.errors import NotObserved
-from inercal.estimate import FilterHistory, Gaussian, NullDirection, SmoothedStates
+from inercal.estimation import FilterHistory, Gaussian, NullDirection, SmoothedStates
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD
 from inercal.methods.turntable_kalman._gyros import run_gyro_filter as compiled_gyros
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.filtered_track import filter_track
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.recording import Track
-from inercal.units import Measured
+from inercal.recordings import Track
 
 REST = ("rest", (0, 0, 0), 20.0)
 POSITIONS = [("warm-up", (0, 0, 0), 30.0), *turntable.positions(5.0)]

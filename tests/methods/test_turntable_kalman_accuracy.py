@@ -29,7 +29,7 @@ from tests.methods.turntable_cases import (
 from inercal.methods.turntable_kalman import METHOD
 from inercal.methods.turntable_kalman.accelerometers import REST_VELOCITY_SD, AccelerometerFilter
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.recording import Track
+from inercal.recordings import Track
 
 Array = NDArray[np.float64]
 Run = Callable[[turntable.Draw, Track, turntable.Grade], tuple[Array, Array]]

@@ -20,15 +20,15 @@ from tests.methods.turntable_cases import (
     steps,
 )
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
-from inercal.estimate import Estimate, ScoreTest
-from inercal.estimate.scores import PARALLEL_COSINE, SIGNIFICANCE_LEVEL
+from inercal.estimation import Estimate, ScoreTest
+from inercal.estimation.scores import PARALLEL_COSINE, SIGNIFICANCE_LEVEL
 from inercal.methods.turntable_discrete import METHOD as DISCRETE
 from inercal.methods.turntable_kalman import METHOD as KALMAN
 from inercal.methods.turntable_trajectory import METHOD as TRAJECTORY
-from inercal.recording import Observations
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 SHORT = [

@@ -19,16 +19,16 @@ from tests.methods.turntable_cases import (
 )
 from tests.refusals import refused
 
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
+from inercal.estimation import Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable_kalman import METHOD as FILTERS
 from inercal.methods.turntable_trajectory import _kernels, solve_trial, trajectory
 from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows
-from inercal.recording import Observations, Track
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations, Track
 
 PATH = [("home", (0, 0, 0), 20.0), *made_by.turns()]
 RESTS = ("home", "rest")

@@ -19,11 +19,11 @@ from tests.accuracy.inercal_inputs import (
     true_coefficients,
 )
 
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian
+from inercal.basics.errors import NotObserved
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods import METHODS
-from inercal.plan import HandStep
-from inercal.sensors import Sensor, imu
+from inercal.physics.plan import HandStep
+from inercal.physics.sensors import Sensor, imu
 
 Array = NDArray[np.float64]
 HANDS = Handling(

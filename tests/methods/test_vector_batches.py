@@ -13,15 +13,15 @@ from tests.methods.platform_devices import READ, SHORT, devices
 from tests.methods.test_rates_and_poses import LINEAR, bench, steps_of
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian, Problem
+from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.methods import curvature, hand_likelihood, method, rates_and_poses, tumble
 from inercal.methods.dividing_head_problem import problem as head_problem
 from inercal.methods.trial_blocks import solve
-from inercal.recording import Observations
-from inercal.sensors import G0, imu, triad
-from inercal.units import Measured
+from inercal.physics.sensors import G0, imu, triad
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 TRIALS = 11

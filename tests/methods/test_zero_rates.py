@@ -8,15 +8,15 @@ import pytest
 from tests.methods.test_six_position_gyros import RUN, recorded
 from tests.refusals import refused
 
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
-from inercal.io.write import write_recording
+from inercal.basics.errors import NotObserved
+from inercal.estimation import Gaussian
+from inercal.physics.plan import Hold, Turn
+from inercal.physics.sensors import imu
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.pipeline.zero_rate_check import check_zero_rates
-from inercal.plan import Hold, Turn
-from inercal.recording import Observations
+from inercal.recordings import Observations
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
-from inercal.sensors import imu
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 BIAS = '"gx.bias" = "0.3 °/s"'

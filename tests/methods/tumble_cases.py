@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy.tumble import Device, Scale
 
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.tumble import fourier, least_squares
-from inercal.plan import Index
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor, single
-from inercal.units import Measured
+from inercal.physics.plan import Index
+from inercal.physics.sensors import G0, Sensor, single
+from inercal.recordings import Observations
 
 Array = NDArray[np.float64]
 SIX: tuple[str, ...] = ("k0", "k1", "delta_o", "k2", "kip", "k3")

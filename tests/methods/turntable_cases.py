@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy import turntable
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
-from inercal.estimate import Estimate
-from inercal.plan import Position, Rotation, TableStep
-from inercal.recording import Observations, Track
-from inercal.sensors import Sensor
-from inercal.sensors.catalogue import imu
-from inercal.units import Measured
+from inercal.estimation import Estimate
+from inercal.physics.plan import Position, Rotation, TableStep
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.catalogue import imu
+from inercal.recordings import Observations, Track
 
 Array = NDArray[np.float64]
 ARCSEC = turntable.ARCSEC

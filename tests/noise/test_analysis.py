@@ -9,11 +9,11 @@ import pytest
 from tests.noise.generator import DEG_H, MEMS, Truth, draw
 
 import inercal
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.noise import NoiseAnalysis
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient
-from inercal.noise.recording_length import length_for
-from inercal.recording import Recording
+from inercal.noise.texts import length_for
+from inercal.recordings import Recording
 
 
 def recording(y: np.ndarray, dt: float, unit: str = "rad/s") -> Recording:

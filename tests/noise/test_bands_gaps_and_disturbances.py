@@ -9,10 +9,10 @@ from tests.base_seeds import SEEDS
 from tests.noise.generator import DEG_H, MEMS, draw
 
 import inercal
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.noise.gap_oadev import gap_oadev
 from inercal.noise.pieces import Part
-from inercal.recording import Recording
+from inercal.recordings import Recording
 
 STEP = 40.0  # °/h
 

@@ -13,14 +13,14 @@ from scipy.signal import butter, sosfilt, welch
 from tests.noise.generator import MEMS, Truth, draw, flicker_means
 from tests.program import run_program
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.laboratory.store import Register
 from inercal.noise import analyse_noise
 from inercal.noise.data_sheet import noise_bandwidth
 from inercal.noise.data_sheet_comparison import compare_with_sheet
 from inercal.noise.deviations import deviations
-from inercal.recording import Recording
+from inercal.recordings import Recording
 from inercal.runfile.noise_data_sheet import read_noise_data_sheet
-from inercal.store import Register
 
 ROOT = Path(__file__).parents[2]
 G0 = 9.80665

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.noise.generator import MEMS, draw
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.noise.confidence import degrees_of_freedom
 from inercal.noise.deviations import (
     averaging_factors,

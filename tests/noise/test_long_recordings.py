@@ -11,14 +11,14 @@ from tests.noise.generator import MEMS, draw
 from tests.program import run_program
 from tests.refusals import refused
 
-from inercal.drafts import long_rest_recording
-from inercal.drafts.long_rest_recording import open_long_rest_recording
-from inercal.drafts.rest_recording import read_rest_recording
-from inercal.errors import InputError
-from inercal.io.isolation import MOST_VALUES_KEY
-from inercal.io.long_tables import open_long_table
+from inercal.basics.errors import InputError
 from inercal.noise import NoiseAnalysis, analyse_noise
 from inercal.noise.analysis import candidate_models
+from inercal.pipeline.drafts import long_rest_recording
+from inercal.pipeline.drafts.long_rest_recording import open_long_rest_recording
+from inercal.pipeline.drafts.rest_recording import read_rest_recording
+from inercal.recordings.io.isolation import MOST_VALUES_KEY
+from inercal.recordings.io.long_tables import open_long_table
 
 N = 200_000
 UNIT = {"sensor.gyro.unit": "rad/s"}
@@ -100,7 +100,7 @@ def test_a_log_that_is_too_long_for_its_format_says_which_are_read_in_blocks(
     def too_long(_: Path) -> None:
         raise InputError("log.ulg is too long", key=MOST_VALUES_KEY)
 
-    monkeypatch.setattr("inercal.drafts.rest_recording.read_table", too_long)
+    monkeypatch.setattr("inercal.pipeline.drafts.rest_recording.read_table", too_long)
     with refused(InputError, key="[data] most_values") as refusal:
         read_rest_recording(write(tmp_path, "data.npz", table[:100]), UNIT)
     assert "HDF5" in str(refusal.value)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tests.program import run_program
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.movement import movement
-from inercal.recording import Recording
+from inercal.recordings import Recording
 
 RATE = 50.0  # Hz
 SECONDS = 600.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inercal.estimate.section_statistics import analyse_sections, haar_contrasts
+from inercal.estimation.section_statistics import analyse_sections, haar_contrasts
 from inercal.noise.disturbances import find_changes, find_disturbances
 
 DT = 0.01

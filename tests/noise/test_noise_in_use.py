@@ -16,7 +16,7 @@ from inercal.noise import NoiseAnalysis, analyse_noise
 from inercal.noise.filter_file import filter_text
 from inercal.noise.flicker_states import flicker_states
 from inercal.noise.sensor_noise import sensor_noise
-from inercal.recording import Recording
+from inercal.recordings import Recording
 from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

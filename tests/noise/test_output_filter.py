@@ -17,14 +17,14 @@ from tests.noise.generator import MEMS, draw
 from tests.program import run_program
 
 import inercal
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.disturbances import find_disturbances
 from inercal.noise.noise_files import kalibr_text
 from inercal.noise.output_filter import SHAPES, OutputFilter, filtered_avar
 from inercal.noise.sensor_noise import sensor_noise
 from inercal.noise.stream_analysis import analyse_noise_stream
-from inercal.recording import Recording
+from inercal.recordings import Recording
 
 DEG = np.pi / 180
 LOW_PASS = ("--set", "sensor.gyro.unit=LSB", "--set", "sensor.gyro.scale=100000 LSB/(°/s)",

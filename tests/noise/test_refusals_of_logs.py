@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.program import run_program
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.methods import METHODS
 
 

@@ -9,10 +9,10 @@ from tests.program import run_program
 from tests.reports import report_file
 
 import inercal
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.noise import analyse_noise_stream
-from inercal.recording import Recording
+from inercal.recordings import Recording
 
 N, RATE = 2000, 100.0
 G0 = 9.80665

@@ -9,7 +9,7 @@ from tests.noise.generator import MEMS, draw
 from inercal.noise import analyse_noise, analyse_noise_stream
 from inercal.noise.deviations import deviations
 from inercal.noise.streaming import StreamedChannel
-from inercal.recording import Recording
+from inercal.recordings import Recording
 
 N = 300_000
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tests.noise.generator import MEMS, draw
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.confidence import degrees_of_freedom
 from inercal.noise.deviations import FULL_OVERLAP, deviations
 from inercal.noise.gap_oadev import gap_oadev

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from inercal.basics.units import si_factor
 from inercal.noise.expected_periodogram import expected_periodogram
 from inercal.noise.terms import FLICKER_FLOOR, TERMS, model_avar
-from inercal.units import si_factor
 
 N = 512
 CASES = [("Q", 1.0), ("N", 1.0), ("B", 1.0), ("K", 1.0),

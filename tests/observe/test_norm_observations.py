@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from inercal.observe import noisy_norm_residuals
-from inercal.sensors import G0, Sensor, cluster, triad
+from inercal.methods.residuals import noisy_norm_residuals
+from inercal.physics.sensors import G0, Sensor, cluster, triad
 
 Array = NDArray[np.float64]
 TRIALS, ROWS = 20, 7

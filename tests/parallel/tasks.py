@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from threading import Event
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.parallel import in_order
+from inercal.basics.parallel.process_executor import ProcessExecutor
 from inercal.cli import app
-from inercal.errors import NotObserved
-from inercal.parallel import in_order
-from inercal.parallel.process_executor import ProcessExecutor
 
 LONG = 60.0  # s
 

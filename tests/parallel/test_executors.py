@@ -19,10 +19,10 @@ from tests.parallel import tasks
 from tests.refusals import refused
 from tests.uncertainty.test_monte_carlo import run as random_trials
 
-from inercal.errors import InercalError, NotObserved
-from inercal.parallel import Executor, SerialExecutor, WorkerLost, in_order, open_executor
-from inercal.parallel.process_executor import ProcessExecutor
-from inercal.uncertainty import monte_carlo
+from inercal.basics.errors import InercalError, NotObserved
+from inercal.basics.parallel import Executor, SerialExecutor, WorkerLost, in_order, open_executor
+from inercal.basics.parallel.process_executor import ProcessExecutor
+from inercal.estimation.uncertainty import monte_carlo
 
 LIMIT = 20.0  # s, for what must not hang
 DIES = getattr(signal, "SIGKILL", signal.SIGTERM)
@@ -135,7 +135,12 @@ def kinds_of_errors(base: type[InercalError]) -> Generator[type[InercalError]]:
 
 
 def test_every_error_can_be_sent_from_process_to_process():
-    modules = ("benches.turntable.reading", "host.bench_run", "host.drivers.pmac", "parallel")
+    modules = (
+        "benches.turntable.reading",
+        "host.bench_run",
+        "host.drivers.pmac",
+        "basics.parallel",
+    )
     for name in modules:
         import_module(f"inercal.{name}")
     kinds = [kind for kind in kinds_of_errors(InercalError) if kind.__module__[:8] == "inercal."]

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from numpy.testing import assert_array_equal
 
-from inercal.budget import budget
-from inercal.budget.experiment_from_runfile import experiment_from_run
-from inercal.design import default_run_file, rehearse_plan
-from inercal.parallel import SerialExecutor
+from inercal.basics.parallel import SerialExecutor
+from inercal.pipeline.budget import budget
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.pipeline.design import default_run_file, rehearse_plan
 from inercal.runfile import read
 from inercal.studies import STUDIES, reproduce
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from tests.runfile.key_sweep import EXAMPLES, toml
 
+from inercal.basics.errors import InputError
 from inercal.benches.kinds import KINDS
-from inercal.errors import InputError
-from inercal.qualification import Qualification, QualifiedParameter
-from inercal.qualification.bench_keys import read_qualifications, with_qualified_keys
-from inercal.qualification.qualification_file import save
+from inercal.benches.qualification import Qualification, QualifiedParameter
+from inercal.benches.qualification.bench_keys import read_qualifications, with_qualified_keys
+from inercal.benches.qualification.qualification_file import save
 from inercal.runfile import Run, read
 
 RUNS = {

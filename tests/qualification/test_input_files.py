@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from tests.qualification import laboratory as lab
 
-from inercal.qualification import Qualification
-from inercal.qualification.input_file import qualify
+from inercal.benches.qualification import Qualification
+from inercal.benches.qualification.input_file import qualify
 
 Array = NDArray[np.float64]
 ARC = lab.ARCSEC

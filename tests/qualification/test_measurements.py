@@ -14,20 +14,24 @@ from tests.base_seeds import SEEDS
 from tests.qualification import laboratory as lab
 from tests.refusals import refused
 
-from inercal.arrays import Array
-from inercal.qualification.linear_fit import linear_fit
-from inercal.qualification.measurements.azimuth import earth_rate_azimuth
-from inercal.qualification.measurements.gravity import local_gravity, tied_gravity
-from inercal.qualification.measurements.head_map import head_map
-from inercal.qualification.measurements.measured_parameters import MeasuredParameters
-from inercal.qualification.measurements.radius import (
+from inercal.basics.arrays import Array
+from inercal.basics.units import Measured
+from inercal.benches.qualification.linear_fit import linear_fit
+from inercal.benches.qualification.measurements.azimuth import earth_rate_azimuth
+from inercal.benches.qualification.measurements.gravity import local_gravity, tied_gravity
+from inercal.benches.qualification.measurements.head_map import head_map
+from inercal.benches.qualification.measurements.measured_parameters import MeasuredParameters
+from inercal.benches.qualification.measurements.radius import (
     RadiusSensor,
     radius_by_machine,
     radius_by_sensor,
 )
-from inercal.qualification.measurements.rates import rate_error, rate_stability
-from inercal.qualification.measurements.tilts import right_angle, right_angle_sign, table_tilt
-from inercal.units import Measured
+from inercal.benches.qualification.measurements.rates import rate_error, rate_stability
+from inercal.benches.qualification.measurements.tilts import (
+    right_angle,
+    right_angle_sign,
+    table_tilt,
+)
 
 Rng = np.random.Generator
 Case = Callable[[Rng], tuple[MeasuredParameters, Array]]

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from tests.methods.bench_sensitivity_cases import Case, case, observed
 from tests.methods.test_bench_sensitivities import ERRORS, HEADS, NEAR
 
+from inercal.basics.parameters import QualifiedParameters
+from inercal.basics.units import Measured
 from inercal.benches import Bench, DividingHead, Turntable
-from inercal.estimate import Estimate, Gaussian
+from inercal.benches.qualification.joint_prior import with_joint_prior
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, run_filter
 from inercal.methods.turntable_kalman.innovations import FilterResult
-from inercal.parameters import QualifiedParameters
-from inercal.qualification.joint_prior import with_joint_prior
-from inercal.units import Measured
 
 Array = NDArray[np.float64]
 SHIFT = 0.3  # standard deviations

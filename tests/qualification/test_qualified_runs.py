@@ -13,19 +13,19 @@ import pytest
 from tests.program import run_program
 from tests.refusals import refused
 
-from inercal.budget.experiment_from_runfile import experiment_from_run
+from inercal.benches.qualification import Qualification
+from inercal.benches.qualification.input_file import qualify
+from inercal.benches.qualification.qualification_file import as_object, load, save
+from inercal.benches.qualification.succession import drift_between
 from inercal.calibration import SharedError, shared_errors
 from inercal.calibration.files import load as load_calibration
 from inercal.calibration.files import save as save_calibration
-from inercal.io.read import read_table
+from inercal.laboratory.store import CertificateFiles, CertificateRequest, Register
 from inercal.pipeline import Outcome, calibrate
 from inercal.pipeline.batch import calibrate_batch
-from inercal.qualification import Qualification
-from inercal.qualification.input_file import qualify
-from inercal.qualification.qualification_file import as_object, load, save
-from inercal.qualification.succession import drift_between
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.recordings.io.read import read_table
 from inercal.runfile import read
-from inercal.store import CertificateFiles, CertificateRequest, Register
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "qualify"
 INPUTS = ("gravity", "head", "rate", "radius")  # radius uses gravity and rate

@@ -15,12 +15,12 @@ from tests.methods.test_bench_sensitivities import CERTAIN
 from tests.qualification.test_qualified_benches import QUALIFIED, SLOW, given_case, names_of
 from tests.refusals import refused
 
+from inercal.benches.qualification.input_file import qualify
+from inercal.benches.qualification.qualification_file import save
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import METHOD as RAMP
 from inercal.pipeline import calibrate
 from inercal.pipeline.qualified_errors import uncounted_notes
-from inercal.qualification.input_file import qualify
-from inercal.qualification.qualification_file import save
 from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -23,13 +23,13 @@ from inercal.benches.report_data import Panel, Plot, ReportInput, Series
 from inercal.cli.app import app
 from inercal.host import addresses
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
-from inercal.io.write import write_recording
-from inercal.motion import Motion
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, TABLES, inverse, triad
+from inercal.physics.sensors.coefficient_tables import Basis, ErrorTerm
 from inercal.pipeline import calibrate, simulate_files
+from inercal.recordings.io.write import write_recording
 from inercal.report.calibration_page import page
 from inercal.runfile import read
-from inercal.sensors import G0, TABLES, inverse, triad
-from inercal.sensors.coefficient_tables import Basis, ErrorTerm
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ferraris_simulated" / "run.toml"
 VERBS = [one.name for one in iter_modules(inercal.cli.__path__) if one.name.endswith("_command")]

@@ -4,8 +4,8 @@ import numpy as np
 from tests.repeatability.laboratory import AXES, NAMES, Drawn
 
 from inercal.calibration import Calibration, SharedError
-from inercal.repeatability import RepeatedSession
-from inercal.sensors import Axis, Sensor
+from inercal.laboratory.repeatability import RepeatedSession
+from inercal.physics.sensors import Axis, Sensor
 
 TRIAD = Sensor(
     "TRIAD-1",

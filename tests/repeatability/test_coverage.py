@@ -5,7 +5,7 @@ import pytest
 from tests.repeatability.laboratory import KIND, Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
-from inercal.repeatability import repeat
+from inercal.laboratory.repeatability import repeat
 
 SEEDS = (1, 2, 3)
 LABORATORIES = 100  # of each base seed

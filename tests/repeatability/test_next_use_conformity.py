@@ -8,8 +8,8 @@ from scipy.stats import norm, t
 from tests.repeatability.example import repeat_example
 
 import inercal
+from inercal.basics.errors import InputError
 from inercal.calibration.files import load, save
-from inercal.errors import InputError
 
 LIMITS = '[specification]\nuncertainty = "next_use"\nrepeatability = "{}"\n'
 LIMIT = '[specification.limits]\nbias = "± 12 mg"\n'

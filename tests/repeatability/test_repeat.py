@@ -7,9 +7,9 @@ import pytest
 from tests.repeatability.laboratory import KIND, Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
-from inercal.errors import InputError
-from inercal.repeatability import RepeatedSession, repeat
-from inercal.repeatability.advice import advice_lines, required_sessions
+from inercal.basics.errors import InputError
+from inercal.laboratory.repeatability import RepeatedSession, repeat
+from inercal.laboratory.repeatability.advice import advice_lines, required_sessions
 
 
 def drawn_sessions(

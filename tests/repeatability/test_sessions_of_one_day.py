@@ -6,8 +6,8 @@ from tests.refusals import refused
 from tests.repeatability.laboratory import Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
-from inercal.errors import InputError
-from inercal.repeatability import repeat
+from inercal.basics.errors import InputError
+from inercal.laboratory.repeatability import repeat
 
 # Day and mounting together scatter by √2 of the turn-on, own uncertainties by half of it.
 LABORATORY = Laboratory(

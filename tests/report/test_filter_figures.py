@@ -7,8 +7,9 @@ from math import radians
 import numpy as np
 import pytest
 
-from inercal.estimate import FilterHistory, SmoothedStates
-from inercal.estimate.lazy_value import LazyValue
+from inercal.estimation import FilterHistory, SmoothedStates
+from inercal.estimation.lazy_value import LazyValue
+from inercal.physics.sensors import imu
 from inercal.report.filter_figures import (
     MAX_POINTS,
     innovation_figure,
@@ -16,7 +17,6 @@ from inercal.report.filter_figures import (
     smoothed_figure,
     thin_indices,
 )
-from inercal.sensors import imu
 
 
 def course(epochs: int, nis: float = 3.0, *, pause: bool = False) -> FilterHistory:

@@ -11,13 +11,14 @@ import pytest
 from tests.refusals import refused
 from tests.report.page_tags import parsed
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches import Hand
 from inercal.benches.hand.kind import directions
-from inercal.errors import InputError
-from inercal.io.write import write_recording
+from inercal.physics.plan import Hold
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
-from inercal.plan import Hold
-from inercal.recording import Finding, Recording
+from inercal.recordings import Finding, Recording
+from inercal.recordings.io.write import write_recording
 from inercal.report import write_report
 from inercal.report.calibration_page import page
 from inercal.report.figures import residuals
@@ -25,7 +26,6 @@ from inercal.report.report_tables import bench_tables, coefficients, strongest_c
 from inercal.report.sphere import missing_faces
 from inercal.report.traces import MAX_POINTS, envelope
 from inercal.runfile import Run, read
-from inercal.units import format_value_and_uncertainty
 
 
 def simulated(folder: Path, run_file: str) -> Run:

@@ -9,9 +9,9 @@ import pytest
 from tests.report.page_tags import parsed
 from tests.store.calibration_generator import DRIFTING, content, hashed, ten, write
 
+from inercal.laboratory.store import Register, SensorHistory
 from inercal.report import write_history
 from inercal.report.sensor_history_page import page, summary_lines
-from inercal.store import Register, SensorHistory
 
 # Of what the number of figures does not matter to.
 SMALL = replace(DRIFTING, axes=("ax", "gx"))

@@ -1,7 +1,7 @@
 """The lines of a verdict on a page: what the data cannot show is a list with meanings."""
 
 from inercal.calibration.verdict import UNDETECTED_END, UNDETECTED_START
-from inercal.report.verdict_lines import VerdictLine, verdict_lines
+from inercal.report.calibration_page import VerdictLine, verdict_lines
 
 
 def test_causes_that_the_data_cannot_show_have_meaning_and_size():

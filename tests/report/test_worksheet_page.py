@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from inercal.design.worksheet import Worksheet, build_worksheet
+from inercal.pipeline.design.worksheet import Worksheet, build_worksheet
 from inercal.report import write_worksheet
 from inercal.runfile import read
 

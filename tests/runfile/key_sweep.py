@@ -12,8 +12,8 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 from pydantic.fields import FieldInfo
 
+from inercal.basics.errors import InercalError, InputError
 from inercal.benches.kinds import KINDS
-from inercal.errors import InercalError, InputError
 from inercal.pipeline import Outcome, calibrate
 from inercal.runfile import read
 from inercal.runfile.schema import (

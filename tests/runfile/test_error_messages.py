@@ -9,10 +9,10 @@ from pydantic import BaseModel
 from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, changed
 
+from inercal.basics.errors import InputError
 from inercal.benches.kinds import KINDS
 from inercal.benches.rate_table.settings import RateTableData, RateTableSection
 from inercal.cli.app import main
-from inercal.errors import InputError
 from inercal.runfile import read, schema
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

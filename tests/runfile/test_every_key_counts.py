@@ -24,11 +24,11 @@ from tests.runfile.key_sweep import (
     with_key,
 )
 
-from inercal.errors import InputError
-from inercal.io.write import write_recording
+from inercal.basics.errors import InputError
 from inercal.methods import METHODS
 from inercal.pipeline import apply_data_columns, simulate
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
 
 Change = tuple[str, str, object]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import inercal
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.runfile import read
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "six_position"

@@ -9,12 +9,12 @@ import pytest
 from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, changed, run_file
 
+from inercal.basics.errors import InputError
 from inercal.benches import Hand
-from inercal.earth import normal_gravity
-from inercal.errors import InputError
-from inercal.plan import Turn
+from inercal.physics.earth import normal_gravity
+from inercal.physics.plan import Turn
+from inercal.physics.sensors import G0
 from inercal.runfile import read
-from inercal.sensors import G0
 
 DEGREE = pi / 180
 

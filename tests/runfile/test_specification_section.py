@@ -9,14 +9,14 @@ from numpy.testing import assert_allclose
 from tests.runfile.key_sweep import EXAMPLES, Content, example, toml
 from tests.runfile.run_file_texts import FERRARIS
 
+from inercal.basics.errors import InputError
 from inercal.calibration.files import as_object, canonical_text, load, parse, save
 from inercal.calibration.specification import Conformity, conformity_lines
-from inercal.errors import InputError
+from inercal.physics.sensors import G0
 from inercal.pipeline import calibrate
 from inercal.report.calibration_page import page
 from inercal.runfile import read
 from inercal.runfile.schema import SpecificationSection
-from inercal.sensors import G0
 
 MG = 1e-3 * G0
 

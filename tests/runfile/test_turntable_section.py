@@ -9,10 +9,10 @@ from pydantic import ValidationError
 from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS
 
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.settings import TurntableSection, build
 from inercal.runfile import read, schema
-from inercal.units import Measured
 
 ARCSEC = radians(1 / 3600)
 HERE = Path()

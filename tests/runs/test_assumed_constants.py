@@ -9,11 +9,11 @@ import pytest
 from tests.refusals import refused
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
+from inercal.basics.errors import InputError
 from inercal.benches import Centrifuge
-from inercal.earth import normal_gravity
-from inercal.errors import InputError
-from inercal.io.write import write_recording
+from inercal.physics.earth import normal_gravity
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
 
 GRAVITY = 'gravity = "9.81 m/s² ± 0.2 mm/s²"'

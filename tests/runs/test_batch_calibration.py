@@ -7,7 +7,7 @@ import pytest
 from tests.refusals import refused
 
 import inercal
-from inercal.errors import InputError, NotObserved
+from inercal.basics.errors import InputError, NotObserved
 from inercal.pipeline import batch as batches
 
 UP = np.concatenate([np.eye(3), -np.eye(3)])

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from tests.accuracy.centrifuge import PAPER_G, Triad
 
+from inercal.basics.errors import InercalError, InputError, NotObserved
 from inercal.benches import Centrifuge
-from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.calibration.files import save
-from inercal.errors import InercalError, InputError, NotObserved
-from inercal.io.write import write_recording
 from inercal.methods.centrifuge_norm.screening import screen_rows
+from inercal.physics.plan import Spin
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
-from inercal.plan import Spin
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.recordings.io.write import write_recording
 from inercal.report import write_report
 from inercal.runfile import read
 

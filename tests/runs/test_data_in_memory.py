@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import inercal
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.pipeline import Outcome, simulate
 from inercal.runfile import read
 

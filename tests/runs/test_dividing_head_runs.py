@@ -13,18 +13,18 @@ from scipy.signal import lfilter
 from tests.accuracy.dividing_head import ARCSEC, SIZES, Bench, draw, readings
 from tests.refusals import refused
 
+from inercal.basics.errors import InercalError, InputError, NotObserved
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.calibration import Calibration
 from inercal.calibration.files import save
-from inercal.errors import InercalError, InputError, NotObserved
-from inercal.io.write import write_recording
 from inercal.methods.likelihood_tests import FORMULA_TEST, READINGS_TEST
+from inercal.physics.plan import Index
+from inercal.physics.sensors import G0, triad
 from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
-from inercal.plan import Index
-from inercal.recording import Mark, Recording
+from inercal.recordings import Mark, Recording
+from inercal.recordings.io.write import write_recording
+from inercal.recordings.segments import observe
 from inercal.runfile import read
-from inercal.segments import observe
-from inercal.sensors import G0, triad
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]

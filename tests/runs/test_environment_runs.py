@@ -10,11 +10,11 @@ from scipy.special import chdtri
 from tests.refusals import refused
 
 import inercal
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.files import load, save
 from inercal.calibration.temperature_curves import temperature_curves
-from inercal.errors import InputError
-from inercal.io.write import write_recordings
 from inercal.pipeline import (
     Outcome,
     apply,
@@ -23,8 +23,8 @@ from inercal.pipeline import (
     simulate,
     simulate_files,
 )
+from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
-from inercal.units import ZERO_CELSIUS
 
 HERE = Path(__file__).parent
 TEMPERATURES = '["-40 °C", "-20 °C", "0 °C", "25 °C", "45 °C", "65 °C", "85 °C"]'

@@ -9,8 +9,8 @@ from tests.refusals import refused
 from tests.runs.test_environment_runs import RAMP, written
 
 import inercal
-from inercal.drafts.rest_recording import read_rest_recording
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.pipeline.drafts.rest_recording import read_rest_recording
 from inercal.runfile import read
 
 

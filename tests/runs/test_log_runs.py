@@ -8,9 +8,9 @@ from tests.io.log_files import BIAS, SAMPLES, SCALE, ardupilot_corrected, write_
 from tests.refusals import refused
 
 from inercal.calibration import Calibration
-from inercal.io.write import write_recordings
 from inercal.pipeline import apply, calibrate
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ import pytest
 from tests.refusals import refused
 from tests.runs.low_grade_cases import LowGradeCase, case_makers, rate_table_case
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.pipeline import calibrate
 
 # Devices in the quick tests, and in the slow ones, where a run takes its time.

@@ -8,16 +8,16 @@ import pytest
 from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.benches.hand.reading import nominal_plan
 from inercal.benches.hand.simulation import simulate_hand_motion
-from inercal.errors import InputError, NotObserved
-from inercal.io.write import write_recording
+from inercal.physics.sensors import G0
 from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
 from inercal.pipeline.correction import as_written
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
-from inercal.sensors import G0
 
 
 def recorded(folder: Path, text: str, *changes: tuple[str, str], seed: int = 1) -> Run:

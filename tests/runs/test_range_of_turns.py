@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from tests.runfile.key_sweep import example, toml
 
-from inercal.io.write import write_recording
+from inercal.physics.plan import Turn
 from inercal.pipeline import apply_data_columns, calibrate, simulate
-from inercal.plan import Turn
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
 
 

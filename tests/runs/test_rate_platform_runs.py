@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inercal.design.worksheet import build_worksheet
-from inercal.io.write import write_recordings
-from inercal.keys import CoefficientName
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.pipeline import calibrate, simulate_files
+from inercal.pipeline.design.worksheet import build_worksheet
+from inercal.recordings.io.write import write_recordings
 from inercal.report import write_report
 from inercal.runfile import read
-from inercal.units import format_value_and_uncertainty
 
 ROOT = Path(__file__).parents[2]
 

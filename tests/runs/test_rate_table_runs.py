@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.budget.experiment_from_runfile import experiment_from_run
-from inercal.errors import InercalError, InputError, NotObserved
+from inercal.basics.errors import InercalError, InputError, NotObserved
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0
+from inercal.physics.sensors.affine import to_affine
 from inercal.pipeline import Outcome, calibrate
-from inercal.plan import Spin
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
 from inercal.report import write_report
 from inercal.runfile import read
-from inercal.sensors import G0
-from inercal.sensors.affine import to_affine
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "rate_table"

@@ -17,11 +17,11 @@ from inercal.methods.ship_multi_angle.global_search import (
     SearchHistory,
     SearchOptions,
 )
+from inercal.physics.sensors import G0
 from inercal.pipeline import Outcome, calibrate
 from inercal.report import write_report
 from inercal.report.filter_figures import search_figure
 from inercal.runfile import read
-from inercal.sensors import G0
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_table"
 NAME = 'name = "ship_multi_angle"\n'

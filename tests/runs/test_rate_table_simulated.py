@@ -9,8 +9,8 @@ from tests.refusals import refused
 
 from inercal.benches import RateTable
 from inercal.benches.rate_table.reading import reduce_recording
-from inercal.io.write import write_recording
 from inercal.pipeline import apply, apply_data_columns, calibrate, simulate
+from inercal.recordings.io.write import write_recording
 from inercal.report.report_tables import coefficients
 from inercal.runfile import Run, read
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inercal.basics.errors import InputError
 from inercal.cli.calibrate_command import run as command
-from inercal.errors import InputError
-from inercal.io.mean_tables import write_means
-from inercal.io.write import write_recording
+from inercal.physics.plan import Spin
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
-from inercal.plan import Spin
+from inercal.recordings.io.mean_tables import write_means
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
 
 FOLDER = Path(__file__).parents[2] / "examples" / "rate_table"

@@ -13,8 +13,8 @@ from tests.benches.generated_runs import simulate_run, write_run
 from tests.refusals import refused
 
 import inercal
-from inercal.data import DataSection
 from inercal.pipeline import Outcome
+from inercal.recordings.data import DataSection
 from inercal.runfile.schema import RunSchema
 
 REQUIRED = ("sensor", "bench", "data", "method")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.turntable.paths import systematic_path
-from inercal.design.turntable_path import turntable_path_sheet
-from inercal.errors import InputError, NotObserved
-from inercal.io.write import write_recordings
 from inercal.pipeline import calibrate, simulate_files
-from inercal.recording import Recording
+from inercal.pipeline.design.turntable_path import turntable_path_sheet
+from inercal.recordings import Recording
+from inercal.recordings.io.write import write_recordings
 from inercal.report import write_report
 from inercal.runfile import read
 

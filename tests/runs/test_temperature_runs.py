@@ -10,9 +10,9 @@ from tests.accuracy import temperature as thermal
 from tests.refusals import refused
 
 import inercal
-from inercal.budget.experiment_from_runfile import experiment_from_run
-from inercal.errors import InputError, NotObserved
+from inercal.basics.errors import InputError, NotObserved
 from inercal.pipeline import Outcome, apply, calibrate
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
 from inercal.runfile import read
 
 Array = NDArray[np.float64]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.pipeline import calibrate
 from inercal.runfile import read
-from inercal.units import ZERO_CELSIUS
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "dividing_head"
 TUMBLE = (EXAMPLES / "tumble.toml").read_text(encoding="utf-8")

@@ -9,13 +9,13 @@ import pytest
 from tests.accuracy import turntable as tt
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.exchange_fits import SignedPermutation, signed_permutations
 from inercal.benches.turntable.reading.track_checks import ColumnNames, check_track
-from inercal.errors import InputError
-from inercal.recording import Track
-from inercal.sensors.catalogue import imu
-from inercal.units import Measured
+from inercal.physics.sensors.catalogue import imu
+from inercal.recordings import Track
 
 SEED, SEEDS = 3, (3, 17)
 SENSOR = imu()

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from tests.accuracy import turntable as tt
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading import dropped_samples
 from inercal.benches.turntable.reading.dropped_samples import (
@@ -15,10 +17,8 @@ from inercal.benches.turntable.reading.dropped_samples import (
     find_dropped_samples,
 )
 from inercal.benches.turntable.reading.readback_clock import ClockMismatch, align_readback
-from inercal.errors import InputError
-from inercal.recording import Track
-from inercal.sensors.catalogue import imu
-from inercal.units import Measured
+from inercal.physics.sensors.catalogue import imu
+from inercal.recordings import Track
 
 SEEDS = (5, 23)
 DENSE_SEEDS = [5, pytest.param(23, marks=pytest.mark.slow)]

@@ -12,12 +12,12 @@ from tests.methods.turntable_cases import BENCH, observations, sensor, truth
 from tests.refusals import refused
 from tests.runs.test_turntable_runs import copy_run, simulate_recording
 
+from inercal.basics.errors import NotObserved
 from inercal.cli.app import app
-from inercal.design.turntable_path import turntable_path_sheet
-from inercal.errors import NotObserved
 from inercal.methods.turntable_kalman import METHOD, method_with
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.pipeline import Outcome, calibrate
+from inercal.pipeline.design.turntable_path import turntable_path_sheet
 from inercal.report import write_report
 from inercal.runfile import Run, read
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
 from inercal.benches import Turntable
 from inercal.benches.turntable.reading import observe
 from inercal.benches.turntable.reading.readback_angles import add_table_angles
-from inercal.errors import InputError
-from inercal.io.write import write_recording
 from inercal.pipeline import apply_data_columns, calibrate, load_recording, simulate
-from inercal.recording import Recording, Track
+from inercal.recordings import Recording, Track
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run, read
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "turntable"

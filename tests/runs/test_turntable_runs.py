@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InercalError, InputError, NotObserved
 from inercal.benches import Turntable
-from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.cli.app import app, main
-from inercal.design.turntable_path import turntable_path_sheet
-from inercal.errors import InercalError, InputError, NotObserved
-from inercal.io.write import write_recording
 from inercal.methods.turntable.model import coarse_bias, triad_model
+from inercal.physics.plan import Position, Rotation
 from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
-from inercal.plan import Position, Rotation
-from inercal.recording import Recording, Track
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.pipeline.design.turntable_path import turntable_path_sheet
+from inercal.recordings import Recording, Track
+from inercal.recordings.io.write import write_recording
 from inercal.report import write_report
 from inercal.runfile import Run, read
 

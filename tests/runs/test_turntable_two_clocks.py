@@ -15,11 +15,11 @@ from tests.methods.turntable_cases import truth as drawn_truth
 from tests.refusals import refused
 from tests.runfile.run_file_texts import changed
 
+from inercal.basics.errors import InputError
 from inercal.cli.app import app, main
-from inercal.errors import InputError
-from inercal.io.write import write_recordings
 from inercal.pipeline import apply, calibrate, simulate_files
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.write import write_recordings
 from inercal.runfile import Run, read
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "turntable"

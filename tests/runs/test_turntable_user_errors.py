@@ -11,10 +11,10 @@ import pytest
 from tests.refusals import refused
 from tests.runs.test_turntable_runs import Change, copy_run, path_with_labels, refused_run
 
-from inercal.errors import InputError
-from inercal.io.write import write_recording
+from inercal.basics.errors import InputError
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.io.write import write_recording
 from inercal.runfile import Run
 
 

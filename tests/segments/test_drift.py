@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from inercal.segments.drift import drift_covariance
-from inercal.sensors import Noise
+from inercal.physics.sensors import Noise
+from inercal.recordings.segments.drift import drift_covariance
 
 RATE, SAMPLES, TRIALS = 10.0, 2000, 4000
 SECTIONS = [(100, 300), (500, 900), (1500, 1600), (1700, 1990)]

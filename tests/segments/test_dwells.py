@@ -9,9 +9,9 @@ from tests.accuracy.arm_runs import Run, record
 from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, Triad, full_circle
 from tests.refusals import refused
 
-from inercal.recording import Finding, Recording
-from inercal.segments import average_dwells, find_dwells
-from inercal.sensors import Readout, Sensor, triad
+from inercal.physics.sensors import Readout, Sensor, triad
+from inercal.recordings import Finding, Recording
+from inercal.recordings.segments import average_dwells, find_dwells
 
 DEVICE = Triad()
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.handheld import directions
 
-from inercal.segments.hand_motion_noise import density_without_hand_motion
-from inercal.sensors import imu
+from inercal.physics.sensors import imu
+from inercal.recordings.segments.hand_motion_noise import density_without_hand_motion
 
 Array = NDArray[np.float64]
 RATE, SECONDS, G = 100.0, 3.0, 9.81

@@ -8,11 +8,16 @@ from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, run_file
 
 from inercal.benches.hand.reading import nominal_plan
+from inercal.physics.plan import Hold, describe_direction
 from inercal.pipeline import simulate
-from inercal.plan import Hold, describe_direction
-from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.recordings import Finding, Mark, Observations, Recording
+from inercal.recordings.segments import (
+    check_against_plan,
+    check_turn_ends,
+    marks_from_labels,
+    observe,
+)
 from inercal.runfile import Run, read
-from inercal.segments import check_against_plan, check_turn_ends, marks_from_labels, observe
 
 DEGREE = pi / 180
 

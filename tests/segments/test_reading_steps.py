@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.recording import ReadingSteps
-from inercal.segments.reading_steps import reading_steps
-from inercal.sensors import Sensor, imu
-from inercal.uncertainty.rounding import mean_rounding_variance
+from inercal.estimation.uncertainty.rounding import mean_rounding_variance
+from inercal.physics.sensors import Sensor, imu
+from inercal.recordings import ReadingSteps
+from inercal.recordings.segments.reading_steps import reading_steps
 
 Array = NDArray[np.float64]
 RESTS, LENGTH = 30, 200

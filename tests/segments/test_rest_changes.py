@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.recording import Mark, Recording
-from inercal.segments import bias_jump_test, changes_within_rests
-from inercal.sensors import imu
+from inercal.physics.sensors import imu
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import bias_jump_test, changes_within_rests
 
 Array = NDArray[np.float64]
 RATE, G = 100.0, 9.81

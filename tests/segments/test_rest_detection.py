@@ -11,10 +11,10 @@ from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record
 from tests.refusals import refused
 
-from inercal.recording import Recording
-from inercal.segments.motion_thresholds import scatter
-from inercal.segments.rest_detection import RestDetection, find_rests
-from inercal.sensors import G0, Noise, Readout, Sensor, imu, triad
+from inercal.physics.sensors import G0, Noise, Readout, Sensor, imu, triad
+from inercal.recordings import Recording
+from inercal.recordings.segments.motion_thresholds import scatter
+from inercal.recordings.segments.rest_detection import RestDetection, find_rests
 
 Array = NDArray[np.float64]
 Ranges = list[tuple[int, int]]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.segments import _kernels
+from inercal.recordings.segments import _kernels
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -159,7 +159,7 @@ def test_a_sample_that_is_not_a_number_spoils_its_own_windows_only():
 def test_the_kernels_are_the_same_when_not_compiled():
     code = """
 import numpy as np
-from inercal.segments import _kernels
+from inercal.recordings.segments import _kernels
 data = np.random.default_rng(1).standard_normal((300, 2)) * np.repeat([1.0, 9.0, 1.0], 100)[:, None]
 given = data, np.array([0, 1]), np.ones(2), np.array([[0, 140], [140, 300]]), 20
 print(_kernels.window_variances(*given).sum().hex(), _kernels.variance_extent(*given)[0].hex())

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.benches.hand.bench import DEGREE
 from inercal.benches.hand.simulation import PAUSE_SECONDS, simulate_hand_motion
+from inercal.physics.plan import HandStep, Hold, Turn, ferraris_plan, six_positions
+from inercal.physics.sensors import G0, Noise, Readout, Sensor, imu, triad
 from inercal.pipeline import read_out
-from inercal.plan import HandStep, Hold, Turn, ferraris_plan, six_positions
-from inercal.recording import Mark, Recording
-from inercal.segments import find_marks
-from inercal.sensors import G0, Noise, Readout, Sensor, imu, triad
-from inercal.units import Measured
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import find_marks
 
 RATE = 100.0
 ACCELEROMETER = (Readout(1 / G0, 0.0, "g"), Noise(white=150e-6 * G0))

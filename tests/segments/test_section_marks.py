@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.data.rest_marks import marks_after_audit, marks_from_file
-from inercal.recording import Mark, Recording
-from inercal.segments import check_marks, marks_from_labels
+from inercal.recordings import Mark, Recording
+from inercal.recordings.data.rest_marks import marks_after_audit, marks_from_file
+from inercal.recordings.segments import check_marks, marks_from_labels
 
 JSON = '{"x_p": {"start": 540, "end": 1271}, "x_a": {"start": 1400, "end": 2000}}'
 TABLE = "label,start,end\nx_p,540,1271\nx_a,1400,2000\n"

@@ -8,11 +8,11 @@ import pytest
 from numpy.typing import NDArray
 from tests.refusals import refused
 
-from inercal.plan import HandStep, Hold, Turn
-from inercal.recording import Finding, Mark, Observations, Recording
-from inercal.segments import observe
-from inercal.segments.section_means import MIN_SAMPLES
-from inercal.sensors import Noise, Readout, triad
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.sensors import Noise, Readout, triad
+from inercal.recordings import Finding, Mark, Observations, Recording
+from inercal.recordings.segments import observe
+from inercal.recordings.segments.section_means import MIN_SAMPLES
 
 Array = NDArray[np.float64]
 RATE = 100.0

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.plan import six_positions
-from inercal.recording import Mark, Observations, Recording
-from inercal.segments import observe
-from inercal.sensors import Noise, Readout, Sensor, imu
+from inercal.physics.plan import six_positions
+from inercal.physics.sensors import Noise, Readout, Sensor, imu
+from inercal.recordings import Mark, Observations, Recording
+from inercal.recordings.segments import observe
 
 Array = NDArray[np.float64]
 RATE, COUNT, G = 100.0, 1000, 9.81

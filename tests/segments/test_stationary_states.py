@@ -6,8 +6,8 @@ from math import pi
 import numpy as np
 import pytest
 
-from inercal.recording import Finding, Mark, Recording
-from inercal.segments import find_dwells, find_stationary_states, omitted_state_findings
+from inercal.recordings import Finding, Mark, Recording
+from inercal.recordings.segments import find_dwells, find_stationary_states, omitted_state_findings
 
 RATE_HZ = 50.0
 

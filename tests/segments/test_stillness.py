@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from tests.refusals import refused
 
-from inercal.recording import Mark, Recording
-from inercal.segments import require_still
-from inercal.sensors import G0, Noise, Readout, imu
+from inercal.physics.sensors import G0, Noise, Readout, imu
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import require_still
 
 Array = NDArray[np.float64]
 RATE, SECONDS, RESTS = 100.0, 10.0, 6

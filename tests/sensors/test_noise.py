@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 
-from inercal.sensors import Noise
+from inercal.physics.sensors import Noise
 
 
 def allan_deviation(y: np.ndarray, m: int) -> float:

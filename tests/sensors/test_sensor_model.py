@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.refusals import refused
 
-from inercal.errors import NotInvertible
-from inercal.motion import Motion
-from inercal.observe import norm_residuals
-from inercal.sensors import (
+from inercal.basics.errors import NotInvertible
+from inercal.methods.residuals import norm_residuals
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import (
     ACCELEROMETER,
     G0,
     GYRO,
@@ -21,7 +21,7 @@ from inercal.sensors import (
     single,
     triad,
 )
-from inercal.sensors.basis_functions import COMPONENTS
+from inercal.physics.sensors.basis_functions import COMPONENTS
 
 UG, PPM = 1e-6 * G0, 1e-6
 rng = np.random.default_rng(1293)
@@ -224,7 +224,7 @@ def test_unknown_coefficient_says_what_there_is():
 
 
 def test_readout_converts_both_ways():
-    from inercal.sensors import Noise, Readout
+    from inercal.physics.sensors import Noise, Readout
 
     sensor = triad(readout=Readout(scale=208.0, offset=-3.0, unit="LSB"), noise=Noise())
     raw = rng.integers(-2000, 2000, (5, 3)).astype(float)

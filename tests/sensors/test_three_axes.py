@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from inercal.errors import NotInvertible
-from inercal.sensors import inverse, three_axes, triad
+from inercal.basics.errors import NotInvertible
+from inercal.physics.sensors import inverse, three_axes, triad
 
 RNG = np.random.default_rng(3)
 MATRICES = np.eye(3) + 0.3 * RNG.standard_normal((4, 50, 3, 3))

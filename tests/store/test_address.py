@@ -14,11 +14,11 @@ from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, content, ten, write
 from tests.store.conftest import GUARDED, PASSWORD
 
+from inercal.basics.errors import InputError
 from inercal.calibration.files import parse
 from inercal.cli.app import main
-from inercal.errors import InputError
-from inercal.store import Register
-from inercal.store.address import resolve_address
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.address import resolve_address
 
 
 def refusal(address: str) -> str:
@@ -202,11 +202,11 @@ def test_a_file_that_cannot_be_written_is_read_all_the_same(
 
 
 def test_what_is_missing_for_a_register_is_said(monkeypatch: pytest.MonkeyPatch):
-    for name in [name for name in sys.modules if name.startswith("inercal.store")]:
+    for name in [name for name in sys.modules if name.startswith("inercal.laboratory.store")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "sqlalchemy", None)
     with refused(InputError) as refusal:
-        import_module("inercal.store")
+        import_module("inercal.laboratory.store")
     assert "inercal[store]" in str(refusal.value)
 
 

@@ -10,7 +10,7 @@ from tests.program import run_program
 from tests.refusals import refused
 from tests.store.calibration_generator import ten
 
-from inercal.store import (
+from inercal.laboratory.store import (
     CertificateEntry,
     CertificateFiles,
     CertificateRequest,
@@ -18,8 +18,8 @@ from inercal.store import (
     backup_register,
     restore_register,
 )
-from inercal.store.address import resolve_address
-from inercal.store.register_tables import certificate
+from inercal.laboratory.store.address import resolve_address
+from inercal.laboratory.store.register_tables import certificate
 
 
 def make(number: str, previous: CertificateEntry | None) -> CertificateFiles:

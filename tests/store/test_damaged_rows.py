@@ -11,7 +11,7 @@ import pytest
 from tests.program import run_program
 from tests.store.calibration_generator import DRIFTING, hashed, ten, write
 
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 NAME = DRIFTING.sensor
 VALUES = (None, b"\xff\x00", 7, -1.5, 10**18, "", "yesterday", "[" * 5000, '{"a": 1}', "\x1b[2J")

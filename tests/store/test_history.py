@@ -21,13 +21,13 @@ from tests.store.calibration_generator import (
     write,
 )
 
+from inercal.basics.errors import InputError
+from inercal.calibration.comparison import compare
+from inercal.calibration.comparison.changes import CHANCE_FRACTION
 from inercal.calibration.files import load
-from inercal.comparison import compare
-from inercal.comparison.changes import CHANCE_FRACTION
-from inercal.errors import InputError
-from inercal.sensors import SI_UNITS
-from inercal.store import Register
-from inercal.store.history import SensorHistory
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.history import SensorHistory
+from inercal.physics.sensors import SI_UNITS
 
 STEADY = Truth("steady", IMU, {"ay.k0": 1e-3 * G0}, {})
 Change = Callable[[dict[str, Any]], object]

@@ -17,8 +17,8 @@ import psycopg
 import pytest
 from tests.store.calibration_generator import DRIFTING, content, write
 
-from inercal.store import Register
-from inercal.store.address import resolve_address
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.address import resolve_address
 
 FEW = 10
 FILES = 600  # more than are entered before the kills are over
@@ -32,8 +32,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
-from inercal.sensors import Noise, Readout, triad
-from inercal.store import Register, RunFacts
+from inercal.physics.sensors import Noise, Readout, triad
+from inercal.laboratory.store import Register, RunFacts
 
 sensor = triad("MIMU № 17", "f", "a", Readout(1.0, 0.0, "m/s²"), Noise())
 

@@ -11,11 +11,11 @@ from sqlalchemy import create_engine
 from tests.refusals import refused
 from tests.store.calibration_generator import ten
 
-from inercal.errors import InputError
-from inercal.store import Register
-from inercal.store.address import resolve_address
-from inercal.store.connection import VERSION_TABLE
-from inercal.store.register_tables import metadata
+from inercal.basics.errors import InputError
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.address import resolve_address
+from inercal.laboratory.store.connection import VERSION_TABLE
+from inercal.laboratory.store.register_tables import metadata
 
 
 def revised(address: str, revision: str) -> None:

@@ -12,11 +12,11 @@ from tests.program import run_program
 from tests.refusals import refused
 from tests.store.calibration_generator import ten
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.laboratory.store import Register, backup_register, noise_trends, restore_register
+from inercal.laboratory.store.address import resolve_address
 from inercal.noise import NoiseAnalysis, analyse_noise
-from inercal.recording import Recording
-from inercal.store import Register, backup_register, noise_trends, restore_register
-from inercal.store.address import resolve_address
+from inercal.recordings import Recording
 
 
 def analysis(seed: int, factor: float = 1.0) -> NoiseAnalysis:

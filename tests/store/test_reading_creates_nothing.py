@@ -8,7 +8,7 @@ from tests.refusals import refused
 from tests.store.calibration_generator import ten
 
 from inercal.cli.app import main
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 READING = [["list"], ["list", "--runs"], ["show", "SN 1"], ["history", "SN 1"], ["diff", "1", "2"]]
 

@@ -7,11 +7,15 @@ import pytest
 from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, G0, ten
 
-from inercal.errors import InputError
-from inercal.store import Register, SensorHistory
-from inercal.store.recalibration import LONGER, SHORTER, expanded_after, recalibration
-from inercal.store.recalibration_text import expanded_text, limit_text, recalibration_lines
-from inercal.store.type_pool import type_pool
+from inercal.basics.errors import InputError
+from inercal.laboratory.store import Register, SensorHistory
+from inercal.laboratory.store.recalibration import LONGER, SHORTER, expanded_after, recalibration
+from inercal.laboratory.store.recalibration_text import (
+    expanded_text,
+    limit_text,
+    recalibration_lines,
+)
+from inercal.laboratory.store.type_pool import type_pool
 
 
 @pytest.fixture(scope="module")

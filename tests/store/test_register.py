@@ -10,9 +10,9 @@ import pytest
 from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, content, hashed, ten, write
 
-from inercal.errors import InputError
-from inercal.sensors import Noise, Readout, imu, triad
-from inercal.store import Register, RunFacts
+from inercal.basics.errors import InputError
+from inercal.laboratory.store import Register, RunFacts
+from inercal.physics.sensors import Noise, Readout, imu, triad
 
 PLAIN = Readout(1.0, 0.0, "m/s²"), Noise()
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-import inercal.store
+import inercal.laboratory.store
 from inercal.calibration.files import load
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 STORED = sorted(Path(__file__).with_name("stored").glob("*.db.gz"))
 CALIBRATIONS = Path(__file__).parents[1] / "calibration" / "stored"
@@ -19,7 +19,7 @@ def revision(path: Path) -> str:
 
 
 def test_a_register_of_every_revision_is_stored():
-    versions = Path(inercal.store.__file__).parent / "migrations" / "versions"
+    versions = Path(inercal.laboratory.store.__file__).parent / "migrations" / "versions"
     made = {found[1] for one in versions.iterdir() if (found := re.match(r"r(\d+)_", one.name))}
     assert {revision(path) for path in STORED} == made
     page = (Path(__file__).parents[2] / "docs" / "reference" / "stability.md").read_text("utf-8")

@@ -10,11 +10,11 @@ from tests.program import run_program
 from tests.refusals import refused
 from tests.store.calibration_generator import G0, IMU, Truth, content, hashed, write
 
-from inercal.errors import InputError
-from inercal.store import Register
-from inercal.store.history import CoefficientTrend
-from inercal.store.recalibration import recalibration
-from inercal.store.type_pool import pool_of_histories, type_pool
+from inercal.basics.errors import InputError
+from inercal.laboratory.store import Register
+from inercal.laboratory.store.history import CoefficientTrend
+from inercal.laboratory.store.recalibration import recalibration
+from inercal.laboratory.store.type_pool import pool_of_histories, type_pool
 
 SPREAD = 60e-6 * G0  # of drifts a year from sensor to sensor
 LIMIT = 0.4e-3 * G0
@@ -168,7 +168,7 @@ def test_u_after_an_interval_covers_the_next_use_of_another_sensor(
 
     With two calibrations each drift and scatter cannot be distinguished: U is larger.
     """
-    from inercal.store.type_pool import pooled_change
+    from inercal.laboratory.store.type_pool import pooled_change
 
     rng = np.random.default_rng(seed)
     types, ahead = 150, np.array([0.5, 1.0, 2.0])

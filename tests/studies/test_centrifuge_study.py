@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy import centrifuge as independent
 
-from inercal.estimate import least_squares
+from inercal.estimation import least_squares
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.arm_plans import RATES
 from inercal.methods.centrifuge_norm.problems import norm_problem

@@ -11,7 +11,7 @@ import pytest
 from tests.accuracy import dividing_head as independent
 
 from inercal.benches.dividing_head.bench import position_plan
-from inercal.sensors import G0
+from inercal.physics.sensors import G0
 from inercal.studies import Study, write_study
 from inercal.studies.dual_orthogonal import (
     cardinal_points,

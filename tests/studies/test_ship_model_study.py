@@ -12,7 +12,7 @@ from tests.accuracy import rate_table as independent
 
 from inercal.benches.rate_table.fixture import TiltConvention
 from inercal.methods.ship_planar import fit_level_states
-from inercal.sensors import G0
+from inercal.physics.sensors import G0
 from inercal.studies import Study, write_study
 from inercal.studies.ship_model import (
     equation_rank,

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
+from inercal.basics.parallel import Executor, SerialExecutor
 from inercal.cli.app import main
-from inercal.errors import InputError
-from inercal.parallel import Executor, SerialExecutor
 from inercal.studies import STUDIES, Study, reproduce, results_as_list, write_study
 
 KEYS = ["claim", "printed", "expected", "computed", "uncertainty", "verdict"]

@@ -12,8 +12,8 @@ from tests.advice_followed import follow_all
 from tests.evidence.violation_cells import CASES, base_cells, case_cells, device_files
 
 import inercal
-from inercal.drafts import draft_run_file
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
+from inercal.pipeline.drafts import draft_run_file
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

@@ -16,22 +16,22 @@ from tests.evidence.violation_cells import base_cells, calibrate_device, find_ca
 from tests.suspects.rate_platform_runs import arguments, table
 
 import inercal
+from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.calibration.grade import assess
-from inercal.estimate import Candidate, Estimate, Problem, least_squares
-from inercal.estimate.scores import SIGNIFICANCE_LEVEL, Kind
+from inercal.estimation import Candidate, Estimate, Problem, least_squares
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL, Kind
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import ramp, rest
+from inercal.physics.sensors import imu
 from inercal.pipeline import Outcome
-from inercal.recording import Mark, Recording
-from inercal.segments import (
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
     transitions_between_rests,
 )
-from inercal.sensors import imu
-from inercal.units import Measured
 
 Array = NDArray[np.float64]
 Settings = NDArray[np.str_]

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import chdtri
 
-from inercal.errors import InputError
-from inercal.uncertainty.components import variance_components
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty.components import variance_components
 
 Array = NDArray[np.float64]
 

@@ -3,8 +3,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtri
 
-from inercal.errors import InputError
-from inercal.uncertainty.conformity import (
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty.conformity import (
     RESULTS,
     DecisionRule,
     conformance_probability,

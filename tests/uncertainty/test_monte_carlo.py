@@ -4,7 +4,7 @@ from numpy.random import Generator
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from inercal.uncertainty import monte_carlo, nees, propagate
+from inercal.estimation.uncertainty import monte_carlo, nees, propagate
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from inercal.uncertainty import jacobian, propagate
+from inercal.estimation.uncertainty import jacobian, propagate
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from inercal.uncertainty.robust import (
+from inercal.estimation.uncertainty.robust import (
     false_discovery_selection,
     robust_scale,
     squared_distances,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.uncertainty.rounding import (
+from inercal.estimation.uncertainty.rounding import (
     last_digit,
     mean_rounding_variance,
     noise_lower_bound,

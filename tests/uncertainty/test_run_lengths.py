@@ -5,9 +5,13 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from inercal.uncertainty.control_charts import chart_limits, chart_values
-from inercal.uncertainty.cusum import cusum_limit, cusum_run_length, cusum_sums
-from inercal.uncertainty.run_lengths import chart_limit, in_control_run_length, wider_limit
+from inercal.estimation.uncertainty.control_charts import chart_limits, chart_values
+from inercal.estimation.uncertainty.cusum import cusum_limit, cusum_run_length, cusum_sums
+from inercal.estimation.uncertainty.run_lengths import (
+    chart_limit,
+    in_control_run_length,
+    wider_limit,
+)
 
 
 @pytest.mark.parametrize(

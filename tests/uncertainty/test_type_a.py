@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.signal import lfilter
 
-from inercal.errors import InputError
-from inercal.uncertainty import pooled_mean_covariances
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty import pooled_mean_covariances
 
 Array = NDArray[np.float64]
 MIX = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [-0.3, 0.2, 2.0]])

@@ -1,4 +1,4 @@
-"""Benches: what moves the sensor, with their imperfections declared.
+"""Benches: what moves the sensor, with its imperfections declared, and its qualification.
 
 The names below are loaded when they are first used: a run names one kind of bench.
 """

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.plan import Spin
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.plan import Spin
 
 
 def outward_and_up_directions(steps: Sequence[Spin]) -> tuple[Array, Array]:

@@ -12,12 +12,12 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.motion import Motion
-from inercal.parameters import Parameter
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
+from inercal.basics.units import Measured
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
 
 
 class Bench(Protocol):

@@ -17,8 +17,9 @@ from typing import Any, TypeVar
 
 from pydantic import Field, create_model
 
-from inercal.parameters import Parameter, Scope
-from inercal.section_settings import (
+from inercal.basics.parameters import Parameter, Scope
+from inercal.basics.units import Measured
+from inercal.physics.section_settings import (
     SMALL_ANGLE,
     BenchSection,
     Limit,
@@ -26,7 +27,6 @@ from inercal.section_settings import (
     section_deviation,
     section_gravity,
 )
-from inercal.units import Measured
 
 B = TypeVar("B")
 S = TypeVar("S", bound=BenchSection)

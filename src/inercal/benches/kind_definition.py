@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from inercal.basics.units import Measured
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
 from inercal.benches.motion_control import MotionControl
 from inercal.benches.operator_sheet import Sheet
@@ -23,15 +24,14 @@ from inercal.benches.report_data import (
     describe_row,
     specific_force_directions,
 )
-from inercal.data import DataSection, EstimatorInput, Source
-from inercal.plan import Step
-from inercal.recording import Recording
-from inercal.section_settings import BenchSection, key_error
-from inercal.sensors import Noise, Readout, Sensor, imu, triad
-from inercal.units import Measured
+from inercal.physics.plan import Step
+from inercal.physics.section_settings import BenchSection, key_error
+from inercal.physics.sensors import Noise, Readout, Sensor, imu, triad
+from inercal.recordings import Recording
+from inercal.recordings.data import DataSection, EstimatorInput, Source
 
 if TYPE_CHECKING:
-    from inercal.segments import RestDetection  # the kernels load with the readers
+    from inercal.recordings.segments import RestDetection  # the kernels load with the readers
 
 B = TypeVar("B", bound=Bench)
 D = TypeVar("D", bound=DataSection)

@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any, Protocol
 
+from inercal.basics.errors import InputError
+from inercal.basics.registry import Registry
 from inercal.benches.contract import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.motion_control import MotionControl
-from inercal.errors import InputError
-from inercal.registry import Registry
-from inercal.section_settings import key_error
+from inercal.physics.section_settings import key_error
 
 KINDS: Registry[Kind[Any, Any]] = Registry(
     "inercal.benches",

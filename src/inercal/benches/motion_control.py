@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, Protocol
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.parameters import Parameter
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
 
 Angles = tuple[float, ...]
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -10,25 +10,33 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.motion import Motion
-from inercal.parameters import Parameter
-from inercal.plan import Step
-from inercal.recording import Mark, Observations, Recording
-from inercal.sensors import G0
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Step
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Mark, Observations, Recording
 
 if TYPE_CHECKING:  # what is estimated loads after the run file is checked
-    from inercal.calibration import Calibration
-    from inercal.estimate import Estimate
+    from inercal.estimation import Estimate
 
 Columns = Mapping[str, Sequence[str] | Sequence[float] | Sequence[int]]
+
+
+class CalibratedSensor(Protocol):
+    """What a bench's report reads of a calibration."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor with its estimated coefficients."""
+        ...
 
 
 class ReportInput(Protocol):
     """The calibration that a bench reports; the outcome of the pipeline has this type."""
 
     @property
-    def calibration(self) -> "Calibration":
+    def calibration(self) -> CalibratedSensor:
         """The result."""
         ...
 

@@ -1,4 +1,4 @@
-"""A calibration: coefficients with covariance, their provenance, and the correction of readings."""
+"""A calibration: coefficients with covariance, verdict, comparison and correction of readings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.forms import (
     ConvertedCoefficients,
@@ -19,11 +21,9 @@ from inercal.calibration.grade import Verdict
 from inercal.calibration.shared_errors import SharedError, SharedErrors, transform_shared
 from inercal.calibration.temperature_range import require_usable
 from inercal.calibration.validity import Validity
-from inercal.errors import InputError
-from inercal.motion import Motion
-from inercal.recording import Recording, temperature_rate
-from inercal.sensors import Form, Sensor, inverse
-from inercal.units import si_factor
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Form, Sensor, inverse
+from inercal.recordings import Recording, temperature_rate
 
 if TYPE_CHECKING:
     from inercal.calibration.specification import Conformity
@@ -192,7 +192,7 @@ class Calibration:
         recording : Recording or (..., n, m) array
             Readings in output units; the columns of an array are the sensor's axes in order.
         f, w : (..., n, 3) arrays, optional
-            Motion that the sensor does not measure (`inercal.sensors.inverse`).
+            Motion that the sensor does not measure (`inercal.physics.sensors.inverse`).
         dw : (..., n, 3) array, optional
             Angular acceleration, rad/s², where lever arms are modelled; computed from a recording.
         dT : (..., n) array or float, optional

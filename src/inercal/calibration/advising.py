@@ -3,8 +3,8 @@
 from collections.abc import Collection, Sequence
 from typing import Protocol, cast
 
+from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.best_cause import SuspectedCause
-from inercal.run_file_advice import Advice, Change
 
 CHANGE_PREFIX = "change "  # begins the name of a candidate that changes within one row
 

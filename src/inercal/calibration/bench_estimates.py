@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 
 
 @dataclass(frozen=True)

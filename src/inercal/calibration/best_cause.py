@@ -21,8 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from inercal.estimate import Estimate, ScoreTest
-from inercal.estimate.scores import (
+from inercal.basics.run_file_advice import Change
+from inercal.estimation import Estimate, ScoreTest
+from inercal.estimation.scores import (
     PARALLEL_COSINE,
     SCORE_TEST_SHARE,
     SIGNIFICANCE_LEVEL,
@@ -30,8 +31,7 @@ from inercal.estimate.scores import (
     ScoreTestSet,
     remaining_p_value,
 )
-from inercal.run_file_advice import Change
-from inercal.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty.coverage import COVERAGE
 
 _KIND_ORDER: tuple[Kind, ...] = ("bench", "time", "row", "coefficient")
 _EQUIVALENT_CHI2 = 4.0  # of χ²: two standard deviations of one direction
@@ -45,7 +45,7 @@ class SuspectedCause:
     Parameters
     ----------
     name, kind, components, units
-        As of the candidate (`inercal.estimate.Candidate`).
+        As of the candidate (`inercal.estimation.Candidate`).
     sizes, sds : tuple of float
         Estimates of its components, and their standard deviations, SI.
     chi2, dof, adjusted

@@ -14,9 +14,9 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, Field
 
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_result_file
 from inercal.calibration.grade import Verdict
-from inercal.errors import InputError
-from inercal.small_files import read_result_file
 
 SCHEMA = "inercal/control/1"
 CHECK_STANDARD = "check standard"

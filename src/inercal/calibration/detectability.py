@@ -1,7 +1,7 @@
 """What the data cannot show: causes that shift a coefficient before any test detects them.
 
 A cause of size δ, a candidate of the score tests, shifts the estimate by J⁺c δ and leaves a
-residual of norm η = |c' δ| (`inercal.estimate.scores`). Where it shifts a coefficient of standard
+residual of norm η = |c' δ| (`inercal.estimation.scores`). Where it shifts a coefficient of standard
 uncertainty u by 5 u its visibility is::
 
     η = 5 / R        R = max |J⁺c| / (u |c'|)
@@ -22,12 +22,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.estimate import Estimate, ScoreTest
-from inercal.keys import CoefficientName
-from inercal.parameters import Parameter
-from inercal.sensors import Sensor
-from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.basics.parameters import Parameter
+from inercal.estimation import Estimate, ScoreTest
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
 
 CRITICAL_SHIFT, DETECTABLE_NORM = 5.0, 7.0  # u, and η there
 _UNSCORED_NORM = 3.0  # η of the largest plausible size, below which a candidate is not scored

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from inercal.errors import require_extra
-from inercal.keys import CoefficientName
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_value_and_uncertainty
+from inercal.basics.errors import require_extra
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.estimation.uncertainty.coverage import COVERAGE
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration

@@ -13,10 +13,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from inercal.basics.errors import InputError
 from inercal.calibration.forms import Frame
-from inercal.errors import InputError
-from inercal.sensors import Form
-from inercal.uncertainty.conformity import Result, RuleName
+from inercal.estimation.uncertainty.conformity import Result, RuleName
+from inercal.physics.sensors import Form
 
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]

@@ -20,6 +20,9 @@ from typing import Any, cast
 import numpy as np
 from pydantic_core import from_json, to_json
 
+from inercal.basics.atomic_files import atomic_write
+from inercal.basics.errors import InercalError, InputError
+from inercal.basics.small_files import read_small_file
 from inercal.calibration import (
     Calibration,
     SharedError,
@@ -29,10 +32,7 @@ from inercal.calibration import (
 )
 from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.file_schema import require_valid
-from inercal.errors import InercalError, InputError
-from inercal.io.atomic_files import atomic_write
-from inercal.sensors import SI_UNITS, Axis, Readout, Sensor
-from inercal.small_files import read_small_file
+from inercal.physics.sensors import SI_UNITS, Axis, Readout, Sensor
 
 SCHEMA = "inercal/calibration/2"
 _KEY_ENDS = re.compile(r'"[ \t\r\n]*:')

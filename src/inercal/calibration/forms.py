@@ -14,13 +14,13 @@ from typing import Literal
 
 import numpy as np
 
-from inercal import frames
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.calibration.shared_errors import SharedErrors, transform_shared
-from inercal.errors import InputError
-from inercal.keys import CoefficientName
-from inercal.sensors import G0, Sensor
-from inercal.uncertainty.propagation import value_and_jacobian
+from inercal.estimation.uncertainty.propagation import value_and_jacobian
+from inercal.physics import frames
+from inercal.physics.sensors import G0, Sensor
 
 Frame = Literal["mount", "triangular", "symmetric"]
 _AFFINE = {"k0", "k1", "bias", "scale", "delta_o", "delta_p", "g_i", "g_p", "g_o"}

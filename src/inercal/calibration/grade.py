@@ -25,6 +25,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from inercal.basics.run_file_advice import Advice
 from inercal.calibration.best_cause import (
     OutlierRow,
     SuspectedCause,
@@ -32,14 +33,13 @@ from inercal.calibration.best_cause import (
     find_best_cause,
     find_outlier_row,
 )
-from inercal.estimate import Estimate
-from inercal.estimate.scores import (
+from inercal.estimation import Estimate
+from inercal.estimation.scores import (
     SCORE_TEST_SHARE,
     SIGNIFICANCE_LEVEL,
     chi2_tail_probability,
 )
-from inercal.recording import Finding, RoundedChannel
-from inercal.run_file_advice import Advice
+from inercal.recordings import Finding, RoundedChannel
 
 Grade = Literal["consistent", "reservations", "unreliable"]
 GRADE_WORDS: dict[Grade, str] = {

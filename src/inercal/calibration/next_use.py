@@ -13,9 +13,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, Field
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.small_files import read_result_file
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_result_file
 
 SCHEMA = "inercal/repeatability/1"
 _Number = Annotated[float, Field(allow_inf_nan=False)]

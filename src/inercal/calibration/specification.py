@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.next_use import NextUseScatter
-from inercal.sensors.coefficient_tables import ErrorTerm
-from inercal.uncertainty.conformity import (
+from inercal.estimation.uncertainty.conformity import (
     RESULTS,
     DecisionRule,
     Result,
@@ -24,8 +24,8 @@ from inercal.uncertainty.conformity import (
     joint_conformance_probability,
     judge,
 )
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_value_and_uncertainty
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -48,7 +48,7 @@ class LimitResult:
     guard : float
         Guard band.
     result : str
-        Of `inercal.uncertainty.conformity.RESULTS`.
+        Of `inercal.estimation.uncertainty.conformity.RESULTS`.
     probability : float
         That the true value is within the limits.
     """

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from inercal.basics.parameters import Parameter
+from inercal.basics.run_file_advice import Advice
+from inercal.basics.units import format_quantity, format_value_and_uncertainty
 from inercal.calibration.advising import CHANGE_PREFIX, changes_text
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
-from inercal.estimate.scores import Kind
-from inercal.parameters import Parameter
-from inercal.run_file_advice import Advice
-from inercal.sensors import Sensor
-from inercal.units import format_quantity, format_value_and_uncertainty
+from inercal.estimation.scores import Kind
+from inercal.physics.sensors import Sensor
 
 _MIN_PROBABILITY = 1e-99  # smallest printed probability
 _DISPLAY_UNITS = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}

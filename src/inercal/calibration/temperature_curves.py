@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
 from inercal.calibration.temperature_range import require_inside
-from inercal.keys import CoefficientName
-from inercal.sensors.coefficient_tables import TABLES
+from inercal.physics.sensors.coefficient_tables import TABLES
 
 
 class TemperatureCurve(NamedTuple):

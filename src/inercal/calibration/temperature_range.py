@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.recording.temperature_readout import first_impossible, impossible_text
-from inercal.units import ZERO_CELSIUS
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
+from inercal.recordings.temperature_readout import first_impossible, impossible_text
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 
 Range = tuple[float, float]
 

@@ -5,6 +5,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from inercal.basics.keys import CoefficientName, ErrorName
+from inercal.basics.parameters import Parameter
+from inercal.basics.run_file_advice import Advice
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.advising import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import (
@@ -25,15 +29,11 @@ from inercal.calibration.suspect_text import (
     p_value_text,
     suspect_lines,
 )
-from inercal.estimate import Estimate
-from inercal.estimate.scores import SIGNIFICANCE_LEVEL
-from inercal.keys import CoefficientName, ErrorName
-from inercal.parameters import Parameter
-from inercal.recording import Finding, merge_messages
-from inercal.run_file_advice import Advice
-from inercal.sensors import G0, Sensor
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_value_and_uncertainty
+from inercal.estimation import Estimate
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Finding, merge_messages
 
 UNDETECTED_START = "these data cannot show the following, and U does not hold it"
 UNDETECTED_END = "): "

@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.errors import InputError
+from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
-from inercal.errors import InputError
-from inercal.recording import RoundedChannel
-from inercal.run_file_advice import Advice, Change
+from inercal.recordings import RoundedChannel
 
 
 def as_object(verdict: Verdict) -> dict[str, Any]:

@@ -11,6 +11,9 @@ import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
+from inercal.basics.atomic_files import written_files
+from inercal.basics.errors import InercalError
+from inercal.basics.visible_text import visible_text
 from inercal.cli import (
     apply_command,
     bench_commands,
@@ -39,9 +42,6 @@ from inercal.cli import (
     store_commands,
 )
 from inercal.cli.streams import StandardStreams
-from inercal.errors import InercalError
-from inercal.io.atomic_files import written_files
-from inercal.visible_text import visible_text
 
 _INTERRUPTED = 130  # the exit status, as of a shell
 

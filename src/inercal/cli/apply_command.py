@@ -9,7 +9,7 @@ import typer
 from inercal.cli.console import print_json, progress_status
 
 if TYPE_CHECKING:
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
 NAME = "apply"
 
@@ -29,9 +29,9 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
+    from inercal.basics.errors import InercalError
     from inercal.calibration.files import load
     from inercal.cli.outputs import RECORDING, check_outputs
-    from inercal.errors import InercalError
     from inercal.runfile import read
 
     try:
@@ -40,9 +40,9 @@ def run(
     except InercalError as error:
         raise _of_another_kind(calibration_file, run_file) or error from None
     # The modules of the work load after the run file was checked.
-    from inercal.io.write import write_recording
     from inercal.pipeline import apply
     from inercal.pipeline.correction import as_written
+    from inercal.recordings.io.write import write_recording
 
     check_outputs({out: RECORDING}, [calibration_file, *plan.input_files()], force=force)
     with progress_status(f"correcting {plan.data.file}"):
@@ -76,7 +76,7 @@ def run(
 
 def _of_another_kind(calibration_file: Path, run_file: Path) -> "InputError | None":
     """Return what to give instead of files in the wrong order, or of a log; None of others."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     usage = "inercal apply CALIBRATION RUN_FILE --out CORRECTED"
     if calibration_file.suffix == ".toml" and run_file.suffix == ".json":

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from inercal.host.options import RunOptions
     from inercal.host.registration import RegisterSync
     from inercal.host.run_folder import RunFolder
+    from inercal.laboratory.store import Register
     from inercal.runfile import Run
-    from inercal.store import Register
 
 NAME = "bench"
 app = typer.Typer(help="Drive a table, read an IMU, calibrate live.", no_args_is_help=True)
@@ -168,8 +168,8 @@ def _require_operator(run: "Run", answers: Path | None, *, simulated: bool) -> N
     InputError
         Real hardware without a terminal and without answers, or answers that cannot be read.
     """
+    from inercal.basics.errors import InputError
     from inercal.cli.mounting_answers import read_answers
-    from inercal.errors import InputError
     from inercal.host.tasks import host_plan
 
     if answers is not None:
@@ -253,7 +253,7 @@ def simulate(
 
     Lines typed here inject faults: `imu fault loss 0.01`, `table fault amplifier 2`.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
     from inercal.host.bench_simulator import BenchSimulator
 
     if rate is not None:
@@ -307,7 +307,7 @@ def serve(
 
     A run survives the page and this server. A software stop is no safety function.
     """
-    from inercal.errors import InputError, require_extra
+    from inercal.basics.errors import InputError, require_extra
 
     runs_options = run_options(speed, patience, temperature)
     if not 0 <= port < 65536:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from inercal.cli.console import print_json
 
 if TYPE_CHECKING:
-    from inercal.check_standard.bench_charts import BenchCharts
-    from inercal.store import CalibrationEntry
-    from inercal.uncertainty.control_charts import LastingKind
+    from inercal.estimation.uncertainty.control_charts import LastingKind
+    from inercal.laboratory.check_standard.bench_charts import BenchCharts
+    from inercal.laboratory.store import CalibrationEntry
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ def run_bench_charts(
     InputError
         No such bench, or too few days with bench estimates.
     """
-    from inercal.check_standard.bench_chart_texts import as_object, to_text
-    from inercal.check_standard.bench_charts import ChartedRun, bench_charts
+    from inercal.basics.atomic_files import write_text
+    from inercal.basics.errors import InputError
     from inercal.cli.control_view import doubtful_object, print_doubtful
     from inercal.cli.outputs import CONTROL, PAGE, check_outputs
-    from inercal.errors import InputError
-    from inercal.io.atomic_files import write_text
-    from inercal.store import Register
-    from inercal.store.bench_calibrations import calibrations_of_bench
+    from inercal.laboratory.check_standard.bench_chart_texts import as_object, to_text
+    from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
+    from inercal.laboratory.store import Register
+    from inercal.laboratory.store.bench_calibrations import calibrations_of_bench
 
     if same:
         raise InputError(
@@ -92,11 +92,15 @@ def run_bench_charts(
 
 
 def _print_charts(found: "BenchCharts") -> None:
-    from inercal.check_standard.bench_chart_texts import bench_lines, day_signals, newest_statistics
-    from inercal.check_standard.chart_texts import day
     from inercal.cli.calibration_view import print_line
     from inercal.cli.tables import add_row, make_table, number_columns
     from inercal.cli.terminal import terminal
+    from inercal.laboratory.check_standard.bench_chart_texts import (
+        bench_lines,
+        day_signals,
+        newest_statistics,
+    )
+    from inercal.laboratory.check_standard.chart_texts import day
 
     first, last = (day(found.runs[k].measured) for k in (0, -1))
     print_line(f"bench {found.bench}: {len(found.runs)} calibrations, {first} to {last}")

@@ -29,7 +29,7 @@ def devices(
     """List serial ports, packets of an IMU and settings of a table. Nothing moves."""
     from dataclasses import asdict
 
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
     from inercal.host import devices
     from inercal.host.device_description import imu_lines, port_lines, table_lines
 

@@ -48,10 +48,10 @@ def _keys(run: "Run") -> Mapping[str, str]:
 
 def print_bench_errors(errors: Sequence[Mapping[str, Any]]) -> None:
     """Print the errors of a bench in a table: value and standard deviation in a usual unit."""
+    from inercal.basics.parameters import Parameter, display_unit
+    from inercal.basics.units import format_value_and_uncertainty
     from inercal.cli.tables import add_row, make_table, number_columns
     from inercal.cli.terminal import terminal
-    from inercal.parameters import Parameter, display_unit
-    from inercal.units import format_value_and_uncertainty
 
     heads = (
         "error of the bench",

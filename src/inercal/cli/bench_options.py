@@ -31,7 +31,7 @@ def positive_number(option: str, given: float | str, otherwise: str = "") -> flo
     InputError
         Not a number above 0.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     try:
         value = float(given)
@@ -50,9 +50,9 @@ def run_options(speed: float | None, patience: float, temperature: str) -> "RunO
     InputError
         Not a number above 0, or not two temperatures in rising order.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
+    from inercal.basics.units import ZERO_CELSIUS
     from inercal.host.options import RunOptions
-    from inercal.units import ZERO_CELSIUS
 
     within: tuple[float, float] | None = None
     if temperature:

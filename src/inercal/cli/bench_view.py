@@ -8,10 +8,10 @@ from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from inercal.basics.keys import CoefficientName
 from inercal.cli.mounting_answers import WORD, answer_mountings, operator_name
 from inercal.cli.tables import make_table, number_column
 from inercal.cli.typed_confirmation import TypedConfirmation
-from inercal.keys import CoefficientName
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -162,7 +162,7 @@ def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
 def _coefficient_cell(
     run: "BenchRun", name: str, values: "Mapping[str, tuple[float, float]]"
 ) -> str:
-    from inercal.units import format_value_and_uncertainty
+    from inercal.basics.units import format_value_and_uncertainty
 
     if name not in values:
         return ""

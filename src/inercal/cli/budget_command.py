@@ -13,7 +13,7 @@ from inercal.cli.console import (
 from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
 
 if TYPE_CHECKING:
-    from inercal.budget import Budget
+    from inercal.pipeline.budget import Budget
 
 NAME = "budget"
 
@@ -30,9 +30,9 @@ def run(
     """Compute the error budget: the contribution of each imperfection to each coefficient."""
     from json import dumps
 
+    from inercal.basics.errors import InputError
+    from inercal.basics.parallel import open_executor
     from inercal.cli.outputs import BUDGET, PAGE, check_outputs
-    from inercal.errors import InputError
-    from inercal.parallel import open_executor
     from inercal.runfile import read
 
     if trials < 2:
@@ -45,10 +45,10 @@ def run(
     executor = open_executor(workers, scheduler)
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
-    from inercal.budget import budget
-    from inercal.budget.contribution_table import budget_as_dict
-    from inercal.budget.experiment_from_runfile import experiment_from_run
-    from inercal.io.atomic_files import write_text
+    from inercal.basics.atomic_files import write_text
+    from inercal.pipeline.budget import budget
+    from inercal.pipeline.budget.contribution_table import budget_as_dict
+    from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
     from inercal.report import write_budget
 
     page = out / f"{run_file.stem}.budget.html"
@@ -84,9 +84,9 @@ def run(
 
 def _print(result: "Budget") -> None:
 
-    from inercal.budget.contribution_table import contribution_rows, shift_cells
     from inercal.cli.tables import make_table, number_column
     from inercal.cli.terminal import terminal
+    from inercal.pipeline.budget.contribution_table import contribution_rows, shift_cells
 
     sensor, console = result.experiment.sensor, terminal()
     numbers = map(number_column, ("first order", "Monte Carlo", "±"))

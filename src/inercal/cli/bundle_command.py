@@ -24,9 +24,9 @@ def run(
 
     The file holds versions, machine and the SHA-256 of each file.
     """
-    from inercal.bundles import write_bundle
+    from inercal.basics.errors import InputError
     from inercal.cli.outputs import BUNDLE, check_outputs
-    from inercal.errors import InputError
+    from inercal.pipeline.bundles import write_bundle
 
     file = calibration or Path(f"{run_file.stem}.calibration.json")
     target = out or Path(f"{run_file.stem}.zip")

@@ -54,11 +54,11 @@ def run(
 
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
+    from inercal.basics.atomic_files import atomic_write_all, keep_previous
+    from inercal.basics.errors import MissingExtra
     from inercal.calibration.files import as_object, save
-    from inercal.errors import MissingExtra
-    from inercal.io.atomic_files import atomic_write_all, keep_previous
-    from inercal.io.mean_tables import write_means
     from inercal.pipeline import calibrate
+    from inercal.recordings.io.mean_tables import write_means
 
     files = {"calibration_file": out / f"{run_file.stem}.calibration.json"}
     kinds = {files["calibration_file"]: CALIBRATION}

@@ -4,22 +4,22 @@ from typing import Any
 
 from rich.text import Text
 
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration import Calibration
-from inercal.calibration.display import coefficient_lines
-from inercal.calibration.specification import conformity_lines
-from inercal.cli.tables import add_row, begin_section, make_table, number_column, number_columns
-from inercal.cli.terminal import terminal
-from inercal.comparison import Comparison
-from inercal.comparison.comparison_text import (
+from inercal.calibration.comparison import Comparison
+from inercal.calibration.comparison.comparison_text import (
     comparison_lines,
     format_en,
     repeatability_lines,
     run_to_run_lines,
 )
-from inercal.comparison.run_to_run import RunToRun
-from inercal.sensors import SI_UNITS
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_value_and_uncertainty
+from inercal.calibration.comparison.run_to_run import RunToRun
+from inercal.calibration.display import coefficient_lines
+from inercal.calibration.specification import conformity_lines
+from inercal.cli.tables import add_row, begin_section, make_table, number_column, number_columns
+from inercal.cli.terminal import terminal
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.sensors import SI_UNITS
 
 _MAX_LINE = 2000  # characters
 

@@ -13,8 +13,8 @@ from typer.core import TyperGroup
 from inercal.cli.console import print_json
 
 if TYPE_CHECKING:
-    from inercal.certificate.issue import IssueOptions
-    from inercal.store import CertificateFiles
+    from inercal.laboratory.certificate.issue import IssueOptions
+    from inercal.laboratory.store import CertificateFiles
 
 NAME = "certificate"
 PASSPHRASE = "INERCAL_SIGNING_PASSPHRASE"
@@ -101,8 +101,8 @@ def issue(
     json: _Json = False,
 ) -> None:
     """Issue a certificate: a number of the register, a PDF/A-3, and the DCC as XML."""
-    from inercal.certificate.libraries import CERTIFICATE
-    from inercal.errors import require_installed
+    from inercal.basics.errors import require_installed
+    from inercal.laboratory.certificate.libraries import CERTIFICATE
     from inercal.runfile.laboratory_file import read_laboratory
 
     require_installed(*CERTIFICATE)
@@ -110,11 +110,11 @@ def issue(
     day = _read_date(issued)
     # The modules of the work load after the inputs were checked.
     from inercal.calibration.files import load
-    from inercal.certificate.content import CertificateInput
-    from inercal.certificate.issue import issue as issue_certificate
-    from inercal.certificate.issue import make_files
-    from inercal.certificate.job import read_job
-    from inercal.store import Register
+    from inercal.laboratory.certificate.content import CertificateInput
+    from inercal.laboratory.certificate.issue import issue as issue_certificate
+    from inercal.laboratory.certificate.issue import make_files
+    from inercal.laboratory.certificate.job import read_job
+    from inercal.laboratory.store import Register
 
     options = _options(font, schema, sign, (amends, replaces, reason))
     calibration = load(file)
@@ -160,13 +160,13 @@ def verify(
     The exit status is 0 where nothing fails and a signature that --trust names, or the register,
     vouches for the file, else 3. The register counts only where --register names it.
     """
-    from inercal.certificate.libraries import CERTIFICATE, SIGNATURE
-    from inercal.errors import require_installed
+    from inercal.basics.errors import require_installed
+    from inercal.laboratory.certificate.libraries import CERTIFICATE, SIGNATURE
 
     require_installed(*CERTIFICATE)
     require_installed(*SIGNATURE)
-    from inercal.certificate.verify import verify as verify_certificate
-    from inercal.store import Register
+    from inercal.laboratory.certificate.verify import verify as verify_certificate
+    from inercal.laboratory.store import Register
 
     if register is None:
         found = verify_certificate(file, trust=trust, schema=schema)
@@ -201,7 +201,7 @@ def copy_(
     json: _Json = False,
 ) -> None:
     """Write the files of an issued certificate again, as the register keeps them."""
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     with Register(register, create=False) as opened:
         entry = opened.certificate(number)
@@ -218,7 +218,7 @@ def list_(register: _Register = None, json: _Json = False) -> None:
     """List the certificates that the register issued."""
     from inercal.cli.tables import add_row, make_table
     from inercal.cli.terminal import terminal
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     with Register(register, create=False) as opened:
         address, found = opened.address, opened.certificates()
@@ -239,8 +239,8 @@ def _options(
     sign: Path | None,
     change: tuple[str | None, str | None, str | None],
 ) -> "IssueOptions":
-    from inercal.certificate.issue import IssueOptions
-    from inercal.certificate.signature import read_signing_key
+    from inercal.laboratory.certificate.issue import IssueOptions
+    from inercal.laboratory.certificate.signature import read_signing_key
 
     amends, replaces, reason = change
     if amends and replaces:
@@ -255,8 +255,8 @@ def _options(
 
 
 def _passphrase(path: Path) -> str:
-    from inercal.certificate.libraries import SIGNATURE
-    from inercal.errors import require_installed
+    from inercal.basics.errors import require_installed
+    from inercal.laboratory.certificate.libraries import SIGNATURE
 
     require_installed(*SIGNATURE)
     known = os.environ.get(PASSPHRASE)
@@ -277,7 +277,7 @@ def _read_date(text: str | None) -> date:
 
 
 def _option_error(key: str, message: str) -> Exception:
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     return InputError(f"{key}: {message}" if key not in message else message, key=key)
 
@@ -286,9 +286,9 @@ def _write(
     files: "CertificateFiles", out: Path, stem: str, force: bool, number: str = ""
 ) -> dict[str, str]:
     """Write both files; where that fails, say how a certificate that was issued is had again."""
+    from inercal.basics.atomic_files import atomic_write_all
+    from inercal.basics.errors import InercalError
     from inercal.cli.outputs import CERTIFICATE, check_outputs
-    from inercal.errors import InercalError
-    from inercal.io.atomic_files import atomic_write_all
 
     paths = [out / f"{stem}.pdf", out / f"{stem}.xml"]
     try:

@@ -21,10 +21,10 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
 ) -> None:
     """Compare two calibrations, coefficient by coefficient and all together."""
+    from inercal.basics.errors import InputError
+    from inercal.calibration.comparison import compare
     from inercal.calibration.files import load
     from inercal.cli.calibration_view import comparison_object, print_comparison
-    from inercal.comparison import compare
-    from inercal.errors import InputError
 
     pair = load(first), load(second)
     try:
@@ -33,7 +33,7 @@ def run(
         raise error.located(f"{first} and {second}") from None
     ordinary = None
     if repeatability is not None:
-        from inercal.comparison.run_to_run import against_scatter, scatter_of_file
+        from inercal.calibration.comparison.run_to_run import against_scatter, scatter_of_file
 
         ordinary = against_scatter(compared, scatter_of_file(repeatability, compared))
     names = str(first), str(second)

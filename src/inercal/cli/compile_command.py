@@ -13,8 +13,8 @@ def run(json: bool = typer.Option(False, "--json", help="Print one JSON object."
     They are kept beside the installed modules, where a read-only installation finds them, or in the
     user's cache where this user cannot write to the installation. It takes about a minute.
     """
-    from inercal.kernel_cache import count_kernels
-    from inercal.kernel_compilation import compile_kernels
+    from inercal.basics.kernel_cache import count_kernels
+    from inercal.cli.kernel_compilation import compile_kernels
 
     with progress_status("compiling kernels") as update:
         failed = compile_kernels(lambda what: update(f"compiling kernels: {what}"))

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, cast
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from inercal.laboratory.store import Register
     from inercal.methods.ship_multi_angle.global_search import Generation
     from inercal.pipeline import Outcome
     from inercal.runfile import Run
-    from inercal.store import Register
 
 
 _COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
@@ -41,7 +41,7 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
     page : Path or None
         The page to write; None for no page.
     """
-    from inercal.errors import InercalError
+    from inercal.basics.errors import InercalError
 
     try:
         yield
@@ -53,7 +53,7 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
 
 def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
     """Write the page of a refusal; return whether it was written."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
     from inercal.pipeline.refused_recording import inspect_refused_recording
     from inercal.report import write_refusal
 
@@ -84,7 +84,7 @@ def open_register(address: str | None) -> "Register | None":
     """Open the register at an address, if any, before the work: a wrong address fails at once."""
     if address is None:
         return None
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     return Register(address)
 

@@ -11,8 +11,8 @@ from inercal.cli.session_inputs import Same
 from inercal.cli.session_options import REGISTER, SAME, SENSOR, TABLE
 
 if TYPE_CHECKING:
-    from inercal.check_standard import ControlCharts
-    from inercal.store import CalibrationEntry
+    from inercal.laboratory.check_standard import ControlCharts
+    from inercal.laboratory.store import CalibrationEntry
 
 NAME = "control"
 
@@ -73,13 +73,13 @@ def run(
         )
         run_bench_charts(bench, register, options, same)
         return
-    from inercal.check_standard import CheckedSession, control_charts
-    from inercal.check_standard.chart_files import as_object, to_text
+    from inercal.basics.atomic_files import write_text
+    from inercal.basics.errors import InputError
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
     from inercal.cli.outputs import CONTROL, PAGE, check_outputs
     from inercal.cli.session_inputs import read_sessions
-    from inercal.errors import InputError
-    from inercal.io.atomic_files import write_text
+    from inercal.laboratory.check_standard import CheckedSession, control_charts
+    from inercal.laboratory.check_standard.chart_files import as_object, to_text
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     undated = [one.session.label for one in given if not one.measured]
@@ -121,7 +121,7 @@ def run(
 def _day(text: str, option: str) -> str:
     from datetime import date
 
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     try:
         return date.fromisoformat(text).isoformat()
@@ -135,7 +135,7 @@ def _doubtful_calibrations(
     register: str | None, sensor: str, found: "ControlCharts"
 ) -> "list[CalibrationEntry]":
     """Return the calibrations on benches of the check standard while these were doubtful."""
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     with Register(register, create=False) as opened:
         entries = opened.calibrations()

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inercal.check_standard import ControlCharts
-from inercal.check_standard.chart_texts import control_lines, day, signal_text
 from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, make_table, number_columns
 from inercal.cli.terminal import terminal
+from inercal.laboratory.check_standard import ControlCharts
+from inercal.laboratory.check_standard.chart_texts import control_lines, day, signal_text
 
 if TYPE_CHECKING:
-    from inercal.store import CalibrationEntry
+    from inercal.laboratory.store import CalibrationEntry
 
 _NEWEST = 20  # days that the table lists
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from inercal.basics.units import si_factor
 from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, make_table, number_column
 from inercal.cli.terminal import terminal
@@ -14,7 +15,6 @@ from inercal.noise.data_sheet_comparison import (
     comparison_object,
     kind_remarks,
 )
-from inercal.units import si_factor
 
 _NUMBERS = ("measured", "U (k = 2)", "data sheet", "measured / data sheet")
 

@@ -26,8 +26,8 @@ def run(
     """Calibrate an IMU on a simulated table, and compare the result with the truth."""
     from inercal.calibration.files import as_object
     from inercal.cli.bench_view import STOP_HELP, run_display
-    from inercal.demonstration import demo
     from inercal.host.bench_simulator import STARTUP_MESSAGE
+    from inercal.host.demonstration import demo
     from inercal.host.run_folder import prepare_folder
 
     prepare_folder(out)

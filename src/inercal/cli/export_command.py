@@ -68,10 +68,10 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Write a calibration for another program, a device or a language, and print the error."""
+    from inercal.basics.atomic_files import write_text
     from inercal.calibration.files import load
     from inercal.cli.outputs import OutputKind, check_outputs
     from inercal.export import TARGETS, export_calibration
-    from inercal.io.atomic_files import write_text
 
     target = TARGETS.find(to)
     calibration = load(calibration_file)
@@ -119,7 +119,7 @@ def stated_options(texts: Sequence[str], option: str = "--set") -> dict[str, str
     InputError
         A text without "=", or a name twice.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     found: dict[str, str] = {}
     for text in texts:
@@ -143,8 +143,8 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
         return None
     import numpy as np
 
-    from inercal.errors import InputError
-    from inercal.units import to_si
+    from inercal.basics.errors import InputError
+    from inercal.basics.units import to_si
 
     parts = text.split(maxsplit=2)
     try:

@@ -12,9 +12,9 @@ from inercal.cli import export_command
 from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
 
 if TYPE_CHECKING:
+    from inercal.basics.parallel import TolerantExecutor
     from inercal.fleet.calibration import Counts
     from inercal.fleet.line import Line
-    from inercal.parallel import TolerantExecutor
 
 NAME = "fleet"
 FAILED = 3  # exit status: some sensors have no result
@@ -68,8 +68,8 @@ def calibrate(
     json: _Json = False,
 ) -> None:
     """Calibrate the sensors that have no result yet; a failed one is a row with its reason."""
+    from inercal.basics.errors import InputError
     from inercal.cli.console import print_json
-    from inercal.errors import InputError
     from inercal.fleet import results
     from inercal.fleet.line import read_line
 
@@ -208,11 +208,11 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
 ) -> None:
     """Write the results as one table, the calibration file of one sensor, or files for a target."""
+    from inercal.basics.errors import InputError
     from inercal.calibration.files import save
     from inercal.calibration.outdated import OUTDATED
     from inercal.cli.console import progress_status
     from inercal.cli.outputs import CALIBRATION, OutputKind, check_outputs
-    from inercal.errors import InputError
     from inercal.fleet import results
     from inercal.fleet.export import COLUMNS, export_files, export_table, sensor_calibration
     from inercal.fleet.line import read_line
@@ -283,9 +283,9 @@ def _calibrate(
     retry_failed: bool,
     timeout: float | None,
 ) -> "Counts":
+    from inercal.basics.parallel import open_tolerant_executor
     from inercal.cli.console import progress_status
     from inercal.fleet.calibration import calibrate_line
-    from inercal.parallel import open_tolerant_executor
 
     if workers is None and scheduler is None and len(line.rows) < _SERIAL:
         workers = 1
@@ -331,7 +331,7 @@ def _print_counts(counts: "Counts", content: dict[str, Any]) -> None:
 def _enter(line: "Line", folder: Path, address: str) -> tuple[str, int]:
     from inercal.cli.console import progress_status
     from inercal.fleet.registration import enter_results
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     with Register(address) as register, progress_status("entering calibrations") as update:
         number = enter_results(line, folder, register, lambda k: update(f"{k} are in the register"))
@@ -346,7 +346,8 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
     """Print a line for each recording that arrives; the status is 3 where one did not pass."""
     import time
 
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
+    from inercal.basics.parallel import open_tolerant_executor
     from inercal.fleet.station import (
         StationResult,
         arriving_files,
@@ -354,7 +355,6 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
         known_files,
     )
     from inercal.fleet.time_limit import TimeLimit
-    from inercal.parallel import open_tolerant_executor
 
     if not folder.is_dir():
         raise InputError(f"--watch {folder}: no such folder", key="--watch")

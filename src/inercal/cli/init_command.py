@@ -10,7 +10,7 @@ import typer
 from inercal.cli.console import print_json, print_written_files, progress_status
 
 if TYPE_CHECKING:
-    from inercal.drafts import Draft, DraftKey
+    from inercal.pipeline.drafts import Draft, DraftKey
 
 NAME = "init"
 
@@ -37,8 +37,8 @@ def run(
 
     Each line of it gives its reason. In a terminal it asks for what the data do not show.
     """
+    from inercal.basics.atomic_files import write_text
     from inercal.cli.outputs import PAGE, RUN_FILE, check_outputs
-    from inercal.io.atomic_files import write_text
 
     path = out or Path(f"{logs[0].stem}.toml")
     files = {"run_file": path}
@@ -53,7 +53,7 @@ def run(
     write_text(path, draft.text)
     missing = None
     if report:
-        from inercal.errors import MissingExtra
+        from inercal.basics.errors import MissingExtra
         from inercal.report import write_draft
 
         try:
@@ -87,7 +87,7 @@ def stated_keys(texts: Sequence[str]) -> dict[str, str]:
     InputError
         A text that is no key with its value, or a key that is stated twice.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     known: dict[str, str] = {}
     for text in texts:
@@ -99,7 +99,7 @@ def stated_keys(texts: Sequence[str]) -> dict[str, str]:
 
 
 def _key_and_value(text: str) -> tuple[str, str]:
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     key, separator, value = text.partition("=")
     if not separator or not value.strip() or "." not in key:
@@ -111,8 +111,8 @@ def _key_and_value(text: str) -> tuple[str, str]:
 
 def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: bool) -> "Draft":
     """Draft the run file; in a terminal, ask for accelerometers that are not recognised."""
-    from inercal.drafts import UnknownAccelerometers, draft_run_file
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
+    from inercal.pipeline.drafts import UnknownAccelerometers, draft_run_file
 
     key = "data.accelerometer"
     while True:
@@ -132,7 +132,7 @@ def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: boo
 
 def _three_columns(log: Path) -> str:
     """Ask for three columns until three are given; an empty answer ends."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     while True:
         answer = input("Which three are the accelerometers x, y, z (with commas)? ").strip()
@@ -144,8 +144,8 @@ def _three_columns(log: Path) -> str:
 
 def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft":
     """Ask for what only the user knows, and draft again with the answers."""
-    from inercal.drafts import draft_run_file
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
+    from inercal.pipeline.drafts import draft_run_file
 
     while questions := _unasked(draft, known):
         for question in questions:

@@ -58,12 +58,12 @@ def run(
     """
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
+    from inercal.basics.atomic_files import keep_previous
     from inercal.cli.console import print_json
     from inercal.host.guided.dialogue import GuidedMeasurement
     from inercal.host.guided.instruments import Instrument
     from inercal.host.guided.measurement_table import MeasurementTable, measurement_files
     from inercal.host.guided.reading_check import ReadingCheck
-    from inercal.io.atomic_files import keep_previous
 
     say = _printer(to_errors=json)
     with ExitStack() as opened:
@@ -109,9 +109,9 @@ def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tupl
     InputError
         No run file, or one of a recording; a table that is no .csv.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
+    from inercal.physics.section_settings import key_error
     from inercal.runfile import read
-    from inercal.section_settings import key_error
 
     is_table = plan.suffix.lower() == ".csv"
     if is_table and out is not None:
@@ -143,8 +143,8 @@ def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tupl
 
 def _run_file_of(table: Path) -> Path:
     """Return the one run file in the folder of a table whose [data] names it."""
-    from inercal.errors import InputError
-    from inercal.small_files import read_toml
+    from inercal.basics.errors import InputError
+    from inercal.basics.small_files import read_toml
 
     found: list[Path] = []
     for path in sorted(table.parent.glob("*.toml")):
@@ -189,7 +189,7 @@ def _line_reader(*, to_errors: bool) -> Callable[[str], str | None]:
     """Return the function that reads a line; it prompts a terminal alone."""
 
     def read_line(prompt: str) -> str | None:
-        from inercal.errors import InputError
+        from inercal.basics.errors import InputError
 
         if sys.stdin.isatty():
             print(
@@ -211,7 +211,7 @@ def _printer(*, to_errors: bool) -> Callable[[str], None]:
 
 
 def _visible(text: str) -> str:
-    from inercal.visible_text import visible_text
+    from inercal.basics.visible_text import visible_text
 
     return visible_text(text)
 

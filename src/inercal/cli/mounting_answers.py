@@ -47,8 +47,8 @@ def read_answers(path: Path) -> list[Answer]:
     InputError
         The file cannot be read, or has a line that is no confirmation.
     """
-    from inercal.errors import InputError
-    from inercal.small_files import read_small_file
+    from inercal.basics.errors import InputError
+    from inercal.basics.small_files import read_small_file
 
     text = read_small_file(path, "answer file").decode("utf-8-sig", "replace")
     answers: list[Answer] = []

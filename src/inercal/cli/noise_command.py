@@ -11,10 +11,10 @@ from inercal.cli.console import print_json, print_written_files, progress_status
 from inercal.cli.noise_outputs import NoiseFiles
 
 if TYPE_CHECKING:
-    from inercal.drafts.long_rest_recording import LongRestRecording
     from inercal.noise import NoiseAnalysis
     from inercal.noise.data_sheet import DataSheetNoise
-    from inercal.recording import Recording
+    from inercal.pipeline.drafts.long_rest_recording import LongRestRecording
+    from inercal.recordings import Recording
 
 NAME = "noise"
 
@@ -181,7 +181,7 @@ def run(
 
 def _only_run_file(paths: Sequence[Path]) -> Path | None:
     """Return the run file of --write; refuse two."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     if len(paths) > 1:
         raise InputError(
@@ -196,7 +196,7 @@ def _require_rest(
     readings: "Recording", section: Path | None, to: Sequence[str], register: str | None
 ) -> str:
     """Return how the sensor moved, empty at rest; refuse to store the noise of one that moved."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
     from inercal.noise.movement import movement
     from inercal.noise.texts import movement_text
 
@@ -213,7 +213,7 @@ def _require_rest(
 
 def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float) -> None:
     """Refuse an unknown method, spacing or program, before the work."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
     from inercal.noise.coefficients import METHODS
     from inercal.noise.deviations import SPACINGS
     from inercal.noise.writers import WRITERS
@@ -233,7 +233,7 @@ def _sensor_name(
     recording: Path, sensor: str | None, measured: str | None, by: str | None, register: str | None
 ) -> str:
     """Return the sensor's name in the register, before the work; empty without a register."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     if register is None:
         for option, value in (("--sensor", sensor), ("--measured", measured), ("--by", by)):
@@ -250,7 +250,7 @@ def _sensor_name(
             key="--sensor",
         )
     if measured is not None:
-        from inercal.store.document import to_utc
+        from inercal.laboratory.store.document import to_utc
 
         try:
             to_utc(measured)
@@ -266,7 +266,7 @@ def _enter(
     analysis: "NoiseAnalysis", register: str, sensor: str, measured: str | None, by: str | None
 ) -> dict[str, str | int]:
     """Enter the analysis; return the register, the sensor and the analysis's number."""
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     with Register(register, by) as opened:
         number = opened.enter_noise(analysis, sensor, measured)
@@ -275,7 +275,7 @@ def _enter(
 
 def _band(text: str) -> tuple[float, float]:
     """Return lowest and highest frequency of "LOW-HIGH", Hz."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     try:
         low, high = (float(one) for one in text.replace("–", "-").split("-"))
@@ -293,7 +293,7 @@ def _band(text: str) -> tuple[float, float]:
 def _open_long(path: Path, stated: Sequence[str]) -> "LongRestRecording | None":
     """Return a log that is too long for the memory; None of a short one."""
     from inercal.cli.init_command import stated_keys
-    from inercal.drafts.long_rest_recording import open_long_rest_recording
+    from inercal.pipeline.drafts.long_rest_recording import open_long_rest_recording
 
     return open_long_rest_recording(path, stated_keys(stated))
 
@@ -302,7 +302,7 @@ def _require_possible_in_blocks(
     path: Path, method: str, spacing: str, *, skip_disturbed: bool
 ) -> None:
     """Refuse what needs all samples in the memory."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     for option, asked in (
         ("--skip-disturbed", skip_disturbed),
@@ -320,16 +320,16 @@ def _require_possible_in_blocks(
 
 def _read(path: Path, stated: Sequence[str]) -> "Recording":
     """Return the readings of a run file's recording, or of a log, in SI."""
+    from inercal.basics.errors import InputError
     from inercal.cli.init_command import stated_keys
-    from inercal.drafts.rest_recording import in_si, read_rest_recording
-    from inercal.errors import InputError
+    from inercal.pipeline.drafts.rest_recording import in_si, read_rest_recording
 
     known = stated_keys(stated)
     if path.suffix.lower() != ".toml":
         return read_rest_recording(path, known)
     if known:
         raise InputError(f"--set: {path} states its keys itself; change them there", key="--set")
-    from inercal.data.recording_loader import load_recording
+    from inercal.recordings.data.recording_loader import load_recording
     from inercal.runfile import read
 
     run = read(path)
@@ -348,7 +348,7 @@ def _read(path: Path, stated: Sequence[str]) -> "Recording":
 
 def _gravity(path: Path) -> float | None:
     """Return gravity at the bench, m/s²; None where the bench carries the sensor round."""
-    from inercal.sensors import G0
+    from inercal.physics.sensors import G0
 
     if path.suffix.lower() != ".toml":
         return G0
@@ -368,7 +368,7 @@ def _import_data_sheet(
     path: Path | None, of_recording: Mapping[str, object], targets: NoiseFiles, *, json: bool
 ) -> None:
     """Print the noise of a data sheet and write its files."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     if path is None:
         raise InputError(

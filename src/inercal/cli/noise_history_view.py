@@ -6,8 +6,8 @@ from typing import Any
 from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, make_table, number_column
 from inercal.cli.terminal import terminal
-from inercal.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
-from inercal.store.noise_history_text import (
+from inercal.laboratory.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
+from inercal.laboratory.store.noise_history_text import (
     HEADS,
     NEWEST_HEADS,
     change_lines,

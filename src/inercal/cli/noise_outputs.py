@@ -64,7 +64,7 @@ class NoiseFiles:
 
     def write(self, stem: str, noise: "SensorNoise") -> dict[str, Path | str]:
         """Write the files; return their paths."""
-        from inercal.io.atomic_files import keep_previous, write_text
+        from inercal.basics.atomic_files import keep_previous, write_text
         from inercal.noise.writers import WRITERS
 
         texts = self._texts(stem)
@@ -82,9 +82,9 @@ class NoiseFiles:
 
 def _merged_run_file(noise: "SensorNoise", path: Path) -> str:
     """Return the text of a run file with the noise in its sections."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
+    from inercal.basics.small_files import parse_toml
     from inercal.noise.noise_files import NOISE_KEYS, merge_sections, run_file_sections
-    from inercal.small_files import parse_toml
 
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     # A data sheet states some of the keys; an analysis replaces what another found.

@@ -7,8 +7,8 @@ from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
-from inercal.errors import InputError
-from inercal.io.atomic_files import writable_target
+from inercal.basics.atomic_files import writable_target
+from inercal.basics.errors import InputError
 
 _HEAD = 4096  # bytes by which a file is recognised
 

@@ -51,11 +51,11 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print the steps of a plan, one by one, and the uncertainties to expect."""
+    from inercal.basics.errors import InputError
+    from inercal.basics.parallel import open_executor
+    from inercal.basics.small_files import is_file
     from inercal.cli.plan_output import print_plan
-    from inercal.errors import InputError
     from inercal.methods import method as named
-    from inercal.parallel import open_executor
-    from inercal.small_files import is_file
 
     keys: dict[str, object] = {}
     if method.lower().endswith(".toml"):
@@ -67,7 +67,7 @@ def run(
             raise InputError(f"{method}: give a method, or a run file (.toml)", file=method)
         keys["name"] = method.replace("-", "_")
         if named(method.replace("-", "_")).unknown_attitudes:
-            from inercal.design import default_run_file
+            from inercal.pipeline.design import default_run_file
 
             run_file = run_file or default_run_file()
             positions = _POSITIONS if positions is None else positions
@@ -100,7 +100,7 @@ def _method_keys(positions: int | None, seconds: float | None) -> dict[str, obje
     InputError
         A number of positions or a length that is not positive.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     for option, value in (("--positions", positions), ("--seconds", seconds)):
         if value is not None and not 0 < value < inf:

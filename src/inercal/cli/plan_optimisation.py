@@ -27,14 +27,14 @@ def print_optimised_plan(
     NotObserved
         Coefficients that no path tried determines.
     """
+    from inercal.basics.atomic_files import write_text
+    from inercal.basics.errors import InputError
+    from inercal.basics.units import parse_quantity
     from inercal.benches.turntable import require_turntable
     from inercal.cli.outputs import WORKSHEET, check_outputs
     from inercal.cli.plan_output import print_path_plan
-    from inercal.design.path_search import path_table, search_path, with_path
-    from inercal.errors import InputError
-    from inercal.io.atomic_files import write_text
+    from inercal.pipeline.design.path_search import path_table, search_path, with_path
     from inercal.runfile import read
-    from inercal.units import parse_quantity
 
     try:
         seconds = parse_quantity(duration, "s").value

@@ -14,8 +14,8 @@ from inercal.cli.console import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from inercal.design.expected_uncertainty import ExpectedUncertainty
-    from inercal.parallel import Executor
+    from inercal.basics.parallel import Executor
+    from inercal.pipeline.design.expected_uncertainty import ExpectedUncertainty
     from inercal.runfile import Run
 
 
@@ -49,7 +49,7 @@ def print_plan(
     NotObserved
         Coefficients that the plan leaves open.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
     from inercal.runfile import read
 
     run = read(run_file, keys)
@@ -121,8 +121,8 @@ def _next_step(run: "Run", sheet: Path) -> str:
 def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
 
     from inercal.cli.tables import make_table
-    from inercal.design import rehearse_plan
-    from inercal.design.expected_uncertainty import coefficient_uncertainties
+    from inercal.pipeline.design import rehearse_plan
+    from inercal.pipeline.design.expected_uncertainty import coefficient_uncertainties
 
     result = rehearse_plan(run, executor=executor)
     title = f"{len(result.steps)} rests, {result.seconds:.0f} s in all"
@@ -148,7 +148,7 @@ def _path_plan(run: "Run") -> _Plan:
 
     from inercal.benches.turntable import require_turntable
     from inercal.cli.tables import make_table, number_column
-    from inercal.design.turntable_path import turntable_path_sheet
+    from inercal.pipeline.design.turntable_path import turntable_path_sheet
 
     sheet = turntable_path_sheet(run)
     table = make_table(
@@ -191,9 +191,9 @@ def _path_plan(run: "Run") -> _Plan:
 
 def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan, dict[str, Path]]:
     """Return the plan of a bench with a worksheet, and the files that were written."""
+    from inercal.basics.atomic_files import write_text
     from inercal.cli.tables import make_table, number_column
-    from inercal.design.worksheet import build_worksheet, run_sheet, worksheet_csv
-    from inercal.io.atomic_files import write_text
+    from inercal.pipeline.design.worksheet import build_worksheet, run_sheet, worksheet_csv
     from inercal.report import write_worksheet
 
     files = {}
@@ -220,8 +220,8 @@ def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan
 
 def _output_files(out: Path, inputs: Sequence[Path], *, page: bool, force: bool) -> dict[str, Path]:
     """Return the files to write: "sheet", and "page" if the worksheet has a page."""
+    from inercal.basics.errors import InputError
     from inercal.cli.outputs import WORKSHEET, check_outputs
-    from inercal.errors import InputError
 
     if out.suffix.lower() != ".csv":
         beside = "; the page is written next to it" * page
@@ -233,7 +233,7 @@ def _output_files(out: Path, inputs: Sequence[Path], *, page: bool, force: bool)
 
 def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
     """Return a coefficient and its expected uncertainty for JSON, SI; null if not determined."""
-    from inercal.sensors import SI_UNITS
+    from inercal.physics.sensors import SI_UNITS
 
     std = expected.std if isfinite(expected.std) else None
     return {"name": expected.name, "std": std, "unit": SI_UNITS[expected.unit]}
@@ -241,10 +241,10 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 def _print(run: "Run", plan: _Plan) -> None:
 
+    from inercal.basics.units import format_value_and_uncertainty
     from inercal.cli.tables import make_table, number_column
     from inercal.cli.terminal import terminal
-    from inercal.uncertainty.coverage import COVERAGE
-    from inercal.units import format_value_and_uncertainty
+    from inercal.estimation.uncertainty.coverage import COVERAGE
 
     console = terminal()
     console.print(plan.table)

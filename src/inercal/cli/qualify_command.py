@@ -37,7 +37,7 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
 ) -> None:
     r"""Qualify a bench: find its parameters with their covariance, for \[bench] qualification."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     if drift and withdraw is not None:
         raise InputError("--drift and --withdraw are two tasks: give one of them", key="--drift")
@@ -57,9 +57,9 @@ def run(
 
 
 def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
+    from inercal.benches.qualification.input_file import input_files, qualify
+    from inercal.benches.qualification.qualification_file import as_object, save
     from inercal.cli.outputs import QUALIFICATION, check_outputs
-    from inercal.qualification.input_file import input_files, qualify
-    from inercal.qualification.qualification_file import as_object, save
 
     if out is not None:
         check_outputs({out: QUALIFICATION}, input_files(file), force=force)
@@ -79,8 +79,8 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
 
 
 def _drift(files: list[Path], json: bool) -> None:
-    from inercal.qualification.qualification_file import load
-    from inercal.qualification.succession import drift_between
+    from inercal.benches.qualification.qualification_file import load
+    from inercal.benches.qualification.succession import drift_between
 
     earlier, later = map(load, files)
     found = drift_between(earlier, later)
@@ -96,10 +96,10 @@ def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
     from dataclasses import replace
     from datetime import UTC, datetime
 
-    from inercal.errors import InputError
-    from inercal.qualification.qualification_file import load, save
-    from inercal.store import Register
-    from inercal.store.qualification_uses import qualification_uses
+    from inercal.basics.errors import InputError
+    from inercal.benches.qualification.qualification_file import load, save
+    from inercal.laboratory.store import Register
+    from inercal.laboratory.store.qualification_uses import qualification_uses
 
     found = load(file)
     if not reason.strip() and not found.withdrawn:

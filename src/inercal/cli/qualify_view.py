@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from inercal.basics.units import format_value_and_uncertainty, si_factor
+from inercal.benches.qualification import Qualification
+from inercal.benches.qualification.result import ANY_BENCH
+from inercal.benches.qualification.succession import ParameterDrift
 from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, make_table, number_columns
 from inercal.cli.terminal import terminal
-from inercal.qualification import Qualification
-from inercal.qualification.result import ANY_BENCH
-from inercal.qualification.succession import ParameterDrift
-from inercal.units import format_value_and_uncertainty, si_factor
 
 if TYPE_CHECKING:
-    from inercal.store.qualification_uses import QualificationUse  # needs the extra "store"
+    from inercal.laboratory.store.qualification_uses import (
+        QualificationUse,  # needs the extra "store"
+    )
 
 _SHOWN = {"rad": "″", "1": "ppm", "(m/s²)⁻¹": "ppm/g", "m": "mm", "m/s²": "m/s²", "s": "ms"}
 _LARGEST_CORRELATION = 0.05  # that is left out

@@ -3,12 +3,12 @@
 from math import isfinite
 from typing import Any
 
+from inercal.basics.errors import InputError
 from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, make_table, number_columns
 from inercal.cli.terminal import terminal
-from inercal.errors import InputError
-from inercal.store.recalibration import Recalibration
-from inercal.store.recalibration_text import (
+from inercal.laboratory.store.recalibration import Recalibration
+from inercal.laboratory.store.recalibration_text import (
     interval_table,
     limit_text,
     recalibration_lines,

@@ -36,13 +36,13 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
 ) -> None:
     """State a sensor's mean over several calibrations and the uncertainty of its next use."""
+    from inercal.basics.atomic_files import write_text
     from inercal.calibration.files import save
     from inercal.cli.outputs import CALIBRATION, REPEATABILITY, check_outputs
     from inercal.cli.repeat_view import print_repeatability
     from inercal.cli.session_inputs import read_sessions
-    from inercal.io.atomic_files import write_text
-    from inercal.repeatability import repeat
-    from inercal.repeatability.files import as_object, next_use_calibration, to_text
+    from inercal.laboratory.repeatability import repeat
+    from inercal.laboratory.repeatability.files import as_object, next_use_calibration, to_text
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     sessions = [one.session for one in given]

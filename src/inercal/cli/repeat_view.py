@@ -1,11 +1,11 @@
 """Repeated sessions for the terminal."""
 
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, begin_section, make_table, number_columns
 from inercal.cli.terminal import terminal
-from inercal.repeatability import Repeatability
-from inercal.repeatability.advice import advice_lines
-from inercal.units import format_value_and_uncertainty
+from inercal.laboratory.repeatability import Repeatability
+from inercal.laboratory.repeatability.advice import advice_lines
 
 
 def print_repeatability(found: Repeatability) -> None:

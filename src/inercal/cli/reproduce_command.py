@@ -43,9 +43,9 @@ def run(
         _refuse_options(out=out, trials=trials, seed=seed, workers=workers, scheduler=scheduler)
         _reproduce_bundle(Path(name), json)
         return
+    from inercal.basics.parallel import open_executor
     from inercal.cli.outputs import PAGE, check_outputs
     from inercal.cli.terminal import terminal
-    from inercal.parallel import open_executor
     from inercal.studies import TRIALS, reproduce, results_as_list, write_study
 
     executor = open_executor(workers, scheduler)
@@ -70,7 +70,7 @@ def run(
 
 
 def _refuse_options(**options: object) -> None:
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     given = [f"--{name}" for name, value in options.items() if value is not None]
     if given:
@@ -78,9 +78,9 @@ def _refuse_options(**options: object) -> None:
 
 
 def _reproduce_bundle(path: Path, json: bool) -> None:
-    from inercal.bundles import TOLERANCE, is_bundle, reproduce_bundle
+    from inercal.basics.errors import InputError
     from inercal.cli.console import print_json, progress_status
-    from inercal.errors import InputError
+    from inercal.pipeline.bundles import TOLERANCE, is_bundle, reproduce_bundle
 
     if not is_bundle(path):
         raise InputError(f"{path}: no such bundle; check the path", file=path)

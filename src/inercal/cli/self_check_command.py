@@ -20,10 +20,10 @@ def run(
     Run it before the first use, and after each change of version, libraries or machine. It takes
     about a minute. The exit status is 3 where a method fails.
     """
+    from inercal.basics.atomic_files import write_text
     from inercal.cli.outputs import SELF_CHECK, check_outputs
-    from inercal.io.atomic_files import write_text
-    from inercal.self_check import self_check
-    from inercal.self_check.report import report_text
+    from inercal.pipeline.self_check import self_check
+    from inercal.pipeline.self_check.report import report_text
 
     check_outputs({} if json else {out / "self-check.txt": SELF_CHECK})
     with progress_status("checking") as update:

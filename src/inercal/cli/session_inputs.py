@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
-    from inercal.repeatability import RepeatedSession
+    from inercal.laboratory.repeatability import RepeatedSession
 
 _FILE, _LEVELS = "file", ("day", "mount", "turn_on")  # columns of a table of sessions
 
@@ -41,7 +41,7 @@ def read_sessions(
     InputError
         Not one way of giving sessions, or sessions that cannot be read.
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     require_single_source(files, table, sensor)
     if register is not None and sensor is None:
@@ -60,7 +60,7 @@ def require_single_source(*ways: object) -> None:
     ------
     InputError
     """
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     if sum(map(bool, ways)) != 1:
         further = " or --bench" if len(ways) > 3 else ""
@@ -85,7 +85,7 @@ def _labels(same: list[Same] | None, number: int, label: str) -> tuple[str, str,
 
 def _of_files(files: list[Path], same: list[Same] | None) -> list[DatedSession]:
     from inercal.calibration.files import load
-    from inercal.repeatability import RepeatedSession
+    from inercal.laboratory.repeatability import RepeatedSession
 
     sessions: list[DatedSession] = []
     for k, file in enumerate(files):
@@ -96,8 +96,8 @@ def _of_files(files: list[Path], same: list[Same] | None) -> list[DatedSession]:
 
 
 def _of_register(address: str | None, sensor: str, same: list[Same] | None) -> list[DatedSession]:
-    from inercal.repeatability import RepeatedSession
-    from inercal.store import Register
+    from inercal.laboratory.repeatability import RepeatedSession
+    from inercal.laboratory.store import Register
 
     with Register(address, create=False) as opened:
         entries = opened.history(sensor).entries
@@ -113,10 +113,10 @@ def _of_register(address: str | None, sensor: str, same: list[Same] | None) -> l
 
 def _of_table(table: Path, same: list[Same] | None) -> tuple[list[DatedSession], list[Path]]:
     """Return the sessions of a table, and its files."""
+    from inercal.basics.errors import InputError
+    from inercal.basics.small_files import csv_lines
     from inercal.calibration.files import load
-    from inercal.errors import InputError
-    from inercal.repeatability import RepeatedSession
-    from inercal.small_files import csv_lines
+    from inercal.laboratory.repeatability import RepeatedSession
 
     sessions: list[DatedSession] = []
     files: list[Path] = []

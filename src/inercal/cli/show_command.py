@@ -54,14 +54,14 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
     """Show the coefficients of a calibration at temperatures, with U = 2 u."""
     import numpy as np
 
+    from inercal.basics.errors import InputError
+    from inercal.basics.units import format_value_and_uncertainty
     from inercal.calibration.files import load
     from inercal.calibration.temperature_curves import temperature_curves
     from inercal.cli.tables import make_table, number_columns
     from inercal.cli.terminal import terminal
-    from inercal.errors import InputError
-    from inercal.section_settings import si_value
-    from inercal.uncertainty.coverage import COVERAGE
-    from inercal.units import format_value_and_uncertainty
+    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.physics.section_settings import si_value
 
     calibration = load(file)
     if not calibration.sensor.uses("dT"):
@@ -140,8 +140,8 @@ def _show_recording(file: Path, json: bool) -> None:
 
     from inercal.cli.tables import add_row, make_table, number_columns
     from inercal.cli.terminal import terminal
-    from inercal.drafts.column_roles import recognise_columns
-    from inercal.io.read import read_table
+    from inercal.pipeline.drafts.column_roles import recognise_columns
+    from inercal.recordings.io.read import read_table
 
     table = read_table(file)
     roles = recognise_columns(table)

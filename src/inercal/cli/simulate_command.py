@@ -27,8 +27,8 @@ def run(
 
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
-    from inercal.io.write import write_recordings
     from inercal.pipeline import simulate_files
+    from inercal.recordings.io.write import write_recordings
 
     names = [plan.data.file, *plan.data.further_files().values()]
     paths = [plan.file(name) for name in names]

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from inercal.calibration import Calibration
-    from inercal.comparison import Comparison
-    from inercal.comparison.run_to_run import RunToRun
-    from inercal.store import NoiseEntry, Register, SensorEntry
+    from inercal.calibration.comparison import Comparison
+    from inercal.calibration.comparison.run_to_run import RunToRun
+    from inercal.laboratory.store import NoiseEntry, Register, SensorEntry
 
 NAME = "store"
 PAGE = 50  # calibrations or runs that a table lists, unless all are wanted
@@ -48,7 +48,7 @@ def list_(
 ) -> None:
     """List the sensors with the number of calibrations, the last date and who entered them."""
     from inercal.cli import store_view
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     with Register(register, create=False) as opened:
         limit = _limit(everything, json)
@@ -76,7 +76,7 @@ def show(
     """Show a sensor with its calibrations, runs and noise, or all data of one calibration."""
     from inercal.cli import store_view
     from inercal.cli.noise_history_view import noise_object_list, print_newest_noise
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     with Register(register, create=False) as opened:
         number = None if _is_sensor_name(opened, what) else _parse_number(what)
@@ -144,9 +144,9 @@ def history(
     """Show how a sensor's coefficients change, and when it should be calibrated next."""
     from inercal.cli import recalibration_view, store_view
     from inercal.cli.noise_history_view import noise_object_list, print_noise_history
-    from inercal.store import Register
-    from inercal.store.recalibration import needs_pool, recalibration
-    from inercal.store.type_pool import type_pool
+    from inercal.laboratory.store import Register
+    from inercal.laboratory.store.recalibration import needs_pool, recalibration
+    from inercal.laboratory.store.type_pool import type_pool
 
     with Register(register, create=False) as opened:
         if out is not None:
@@ -218,9 +218,9 @@ def diff(
     json: _Json = False,
 ) -> None:
     """Compare two calibrations, coefficient by coefficient and all together."""
+    from inercal.basics.errors import InputError
+    from inercal.calibration.comparison import compare
     from inercal.cli.calibration_view import comparison_object, print_comparison
-    from inercal.comparison import compare
-    from inercal.errors import InputError
 
     both = [_load_calibration(one, register) for one in (first, second)]
     try:
@@ -239,9 +239,9 @@ def _run_to_run(
     compared: "Comparison", given: tuple[str, str], file: Path | None, register: str | None
 ) -> "RunToRun | None":
     """Return a comparison against the scatter of a file, or of the register; None of too few."""
-    from inercal.comparison.run_to_run import against_scatter, scatter_of_file
-    from inercal.store import Register
-    from inercal.store.run_scatter import run_scatter
+    from inercal.calibration.comparison.run_to_run import against_scatter, scatter_of_file
+    from inercal.laboratory.store import Register
+    from inercal.laboratory.store.run_scatter import run_scatter
 
     if file is not None:
         return against_scatter(compared, scatter_of_file(file, compared))
@@ -275,9 +275,9 @@ def import_(
     json: _Json = False,
 ) -> None:
     """Enter calibrations and runs; existing entries stay, --measured dates one without a date."""
+    from inercal.basics.errors import InercalError, InputError
     from inercal.cli.store_imports import enter_path, entry_line, print_dates
-    from inercal.errors import InercalError, InputError
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
     if measured is not None and (len(paths) > 1 or paths[0].is_dir()):
         raise InputError(
@@ -313,8 +313,8 @@ def backup(
 ) -> None:
     """Write the register with its certificates to one file."""
     from inercal.cli.outputs import BACKUP, check_outputs
-    from inercal.store import backup_register
-    from inercal.store.address import resolve_address
+    from inercal.laboratory.store import backup_register
+    from inercal.laboratory.store.address import resolve_address
 
     file = resolve_address(register).file
     check_outputs({out: BACKUP}, () if file is None else (file,), force=force)
@@ -328,8 +328,8 @@ def restore(
     json: _Json = False,
 ) -> None:
     """Read a backup into a register that is empty or does not exist."""
-    from inercal.store import restore_register
-    from inercal.store.address import resolve_address
+    from inercal.laboratory.store import restore_register
+    from inercal.laboratory.store.address import resolve_address
 
     shown = resolve_address(register).display_url
     rows = restore_register(file, register)
@@ -362,8 +362,8 @@ def _is_sensor_name(opened: "Register", what: str) -> bool:
 
 def _load_calibration(what: str, register: str | None) -> "Calibration":
     """Return the calibration with a number in the register, or of a file."""
-    from inercal.store import Register
-    from inercal.store.document import make_document
+    from inercal.laboratory.store import Register
+    from inercal.laboratory.store.document import make_document
 
     number = _parse_number(what)
     if number is None:

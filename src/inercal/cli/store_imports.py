@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from inercal.store import Register
+    from inercal.laboratory.store import Register
 
 
 def enter_path(opened: "Register", path: Path, measured: str | None) -> dict[str, Any]:
     """Enter one path; return run and calibrations."""
-    from inercal.errors import InputError
+    from inercal.basics.errors import InputError
 
     # A register that is not there yet is created when the first entry is good.
     before = set(opened.calibration_numbers() if opened.exists else ())

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from inercal.calibration.comparison.comparison_text import format_en, grade_text
+from inercal.calibration.comparison.courses import CourseFit
 from inercal.cli.calibration_view import (
     print_calibration_table,
     print_line,
@@ -16,19 +18,17 @@ from inercal.cli.calibration_view import (
 )
 from inercal.cli.tables import add_row, begin_section, make_table, number_column
 from inercal.cli.terminal import terminal
-from inercal.comparison.comparison_text import format_en, grade_text
-from inercal.comparison.courses import CourseFit
-from inercal.sensors import SI_UNITS
-from inercal.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
-from inercal.store.history import CoefficientTrend
-from inercal.store.history_text import (
+from inercal.laboratory.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
+from inercal.laboratory.store.history import CoefficientTrend
+from inercal.laboratory.store.history_text import (
     drift_text,
     format_bands,
     format_point,
     format_slope,
     history_lines,
 )
-from inercal.store.run_scatter import newest_run_to_run
+from inercal.laboratory.store.run_scatter import newest_run_to_run
+from inercal.physics.sensors import SI_UNITS
 
 _TIME_SOURCES = {
     "stated": "as stated",

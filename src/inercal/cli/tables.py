@@ -6,7 +6,7 @@ from typing import Any
 from rich.table import Column, Table
 from rich.text import Text
 
-from inercal.keys import CoefficientName
+from inercal.basics.keys import CoefficientName
 
 _MAX_CELL = 200  # characters
 

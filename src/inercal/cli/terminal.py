@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook
 from rich.segment import Segment
 
-from inercal.visible_text import visible_text
+from inercal.basics.visible_text import visible_text
 
 _FILE_WIDTH = 1000  # characters of a line in a file or a pipe
 

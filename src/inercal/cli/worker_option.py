@@ -24,7 +24,7 @@ def warn_of_root(scheduler: str | None) -> None:
     scheduler : str or None
         As the user states it.
     """
-    from inercal.parallel import LOCAL
+    from inercal.basics.parallel import LOCAL
 
     root = hasattr(os, "geteuid") and os.geteuid() == 0
     if scheduler is None or not root:

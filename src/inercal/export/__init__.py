@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from inercal.basics.errors import InputError
+from inercal.basics.registry import Registry
 from inercal.calibration import Calibration
-from inercal.errors import InputError
 from inercal.export.cost import Cost, Loss, costs, losses, possible_samples, sample
 from inercal.export.header import header_lines
 from inercal.export.model import UNITS, export_model
 from inercal.export.options import resolve_options
 from inercal.export.ranges import Range, calibrated_ranges
 from inercal.export.target_definition import Request, Target
-from inercal.registry import Registry
 
 TARGETS: Registry[Target] = Registry(
     "inercal.exports",

@@ -14,17 +14,17 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotInvertible
 from inercal.calibration import Calibration
-from inercal.errors import InputError, NotInvertible
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.export.model import UNITS, ExportModel
 from inercal.export.ranges import Ranges, sample_motions
 from inercal.export.target_definition import Rendering, Target
 from inercal.export.term_kinds import DERIVATIVES, WORDS, kinds_of
-from inercal.motion import Motion
-from inercal.sensors import Sensor
-from inercal.sensors.basis_functions import Basis
-from inercal.uncertainty.coverage import COVERAGE
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.basis_functions import Basis
 
 _FLOAT32 = 2.0**-24
 _ROUNDINGS = 16  # of a target that computes in single precision: sums of some products

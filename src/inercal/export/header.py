@@ -7,14 +7,14 @@ from importlib.metadata import version
 
 import numpy as np
 
+from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.visible_text import visible_text
 from inercal.calibration.files import as_object
 from inercal.calibration.outdated import OUTDATED
 from inercal.export.cost import Cost, Loss, Samples
 from inercal.export.model import UNITS, ExportModel
 from inercal.export.ranges import Ranges
 from inercal.export.target_definition import Rendering, Target
-from inercal.units import ZERO_CELSIUS
-from inercal.visible_text import visible_text
 
 _WIDTH = 96
 _KINDS = {"f": "specific force", "w": "angular rate"}

@@ -15,13 +15,13 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
-from inercal.errors import InputError
 from inercal.export.term_kinds import LINEAR, kinds_of
-from inercal.keys import CoefficientName
-from inercal.motion import Motion
-from inercal.sensors import Readout, Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Readout, Sensor
 
 _WORDS = {"f": "accelerometers", "w": "gyros"}
 UNITS = {"f": "m/s^2", "w": "rad/s"}

@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.units import parse_quantity
 from inercal.export.target_definition import TargetOption
-from inercal.units import parse_quantity
 
 
 class _WithOptions(Protocol):

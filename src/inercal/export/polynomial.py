@@ -15,16 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.model import ExportModel
 from inercal.export.ranges import sample_motions
 from inercal.export.target_definition import Request
 from inercal.export.term_kinds import DERIVATIVES, LINEAR, kinds_of
-from inercal.keys import CoefficientName
-from inercal.motion import Motion
-from inercal.sensors import Sensor
-from inercal.units import ZERO_CELSIUS
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
 
 _SETTLED = 1e-10  # of the range, between two passes
 _MAX_PASSES = 30

@@ -5,13 +5,13 @@ from itertools import product
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.temperature_range import TEMPERATURE_MARGIN, require_inside
-from inercal.errors import InputError
-from inercal.motion import Motion
-from inercal.sensors import G0
-from inercal.units import ZERO_CELSIUS
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0
 
 Range = tuple[float, float]
 _SAMPLES = 10_000

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges
 from inercal.export.term_kinds import TermKind

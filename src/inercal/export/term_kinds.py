@@ -14,9 +14,9 @@
 
 from typing import Literal
 
-from inercal.keys import CoefficientName
-from inercal.sensors import Sensor
-from inercal.sensors.coefficient_tables import ErrorTerm
+from inercal.basics.keys import CoefficientName
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
 Measures = Literal["f", "w"]
 TermKind = Literal[

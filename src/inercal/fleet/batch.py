@@ -11,13 +11,13 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
+from inercal.basics.parallel.steps import begin_step
 from inercal.fleet import results
 from inercal.fleet.inputs import INSTALLED
 from inercal.fleet.line import GROUPS, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, local_copy
-from inercal.io.column_table import file_sha256
-from inercal.parallel.steps import begin_step
+from inercal.recordings.io.column_table import file_sha256
 
 _ONE_LINE = 500  # characters of an error
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
-from inercal.errors import InercalError, InputError
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InercalError, InputError
+from inercal.basics.parallel import Settled, TimeExceeded, TolerantExecutor, WorkerLost
 from inercal.fleet import results
 from inercal.fleet.batch import BatchDone, Work, compute_batch, failed_row
 from inercal.fleet.inputs import line_inputs
@@ -15,8 +17,6 @@ from inercal.fleet.line import Line
 from inercal.fleet.recordings import ABSENT
 from inercal.fleet.results import ResultWriter
 from inercal.fleet.time_limit import TimeLimit
-from inercal.io.atomic_files import write_text
-from inercal.parallel import Settled, TimeExceeded, TolerantExecutor, WorkerLost
 
 TASK_SECONDS = 2.0  # of a batch: its overhead is then small, and little is lost with a worker
 _MOST_IN_BATCH = 200

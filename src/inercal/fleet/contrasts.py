@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.estimation.uncertainty.components import Components
+from inercal.estimation.uncertainty.robust import FALSE_DISCOVERIES, false_discovery_selection
 from inercal.fleet.population import Grouping
-from inercal.uncertainty.components import Components
-from inercal.uncertainty.robust import FALSE_DISCOVERIES, false_discovery_selection
 
 _LEAST_SENSORS = 3  # of a station, for a difference
 

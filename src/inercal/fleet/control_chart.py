@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.fleet.population import Indices, Population
 
 LEVEL = 0.0027  # of all points together: that of ±3 σ

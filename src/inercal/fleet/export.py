@@ -8,16 +8,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from inercal.basics.atomic_files import atomic_write, atomic_write_all, make_folder
+from inercal.basics.errors import InputError
+from inercal.basics.visible_text import spreadsheet_cell
 from inercal.calibration import Calibration
 from inercal.calibration.files import parse
 from inercal.calibration.outdated import marked_as_outdated
-from inercal.errors import InputError
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results, latest_rows_by_part
 from inercal.fleet.line import RECORDING, Line, SensorRow
-from inercal.io.atomic_files import atomic_write, atomic_write_all, make_folder
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.visible_text import spreadsheet_cell
 
 COLUMNS = (
     "id", "recording", "lot", "station", "measured", "status", "error", "grade", "conformity",

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.dates import ConciseDateFormatter
 from matplotlib.ticker import MaxNLocator
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.fleet.control_chart import ControlChart
 from inercal.fleet.statistics import CoefficientStatistics, FleetStatistics
 from inercal.report import drawing

@@ -14,10 +14,10 @@ from itertools import repeat
 from pathlib import Path
 from typing import Any
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.fleet.line import Line, SensorRow
 from inercal.fleet.recordings import ABSENT, Version, is_address, version_of
-from inercal.io.column_table import file_sha256
+from inercal.recordings.io.column_table import file_sha256
 
 INSTALLED = version("inercal")
 _REQUESTS = 16  # to a store at once: each takes some 50 ms, and a sensor needs one

@@ -22,10 +22,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from inercal.errors import InputError
-from inercal.io.column_table import file_sha256
-from inercal.io.isolation import Isolation, read_isolated
-from inercal.small_files import check_columns, csv_lines, is_file, read_toml, texts_of
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import check_columns, csv_lines, is_file, read_toml, texts_of
+from inercal.recordings.io.column_table import file_sha256
+from inercal.recordings.io.isolation import Isolation, read_isolated
 
 if TYPE_CHECKING:
     from inercal.runfile import Run

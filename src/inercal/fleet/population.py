@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.calibration.specification import Specification
-from inercal.errors import InputError
+from inercal.estimation.uncertainty.conformity import RESULTS, DecisionRule
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
-from inercal.sensors.coefficient_tables import ErrorTerm
-from inercal.uncertainty.conformity import RESULTS, DecisionRule
+from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

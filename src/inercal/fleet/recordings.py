@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from inercal.errors import InputError, require_extra
+from inercal.basics.errors import InputError, require_extra
 
 
 @dataclass(frozen=True)

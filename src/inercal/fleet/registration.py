@@ -9,7 +9,7 @@ from inercal.calibration.files import parse
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_rows_by_part
 from inercal.fleet.line import Line
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 _COLUMNS = ("status", "calibration", "measured")
 

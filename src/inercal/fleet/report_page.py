@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from inercal.basics.atomic_files import write_text
+from inercal.basics.keys import CoefficientName
 from inercal.calibration.specification import limit_text
 from inercal.fleet.contrasts import Contrast
 from inercal.fleet.figures import control_figure, date_text, distribution_figure
@@ -19,8 +21,6 @@ from inercal.fleet.statistics import (
     GroupStatistics,
     RuleYield,
 )
-from inercal.io.atomic_files import write_text
-from inercal.keys import CoefficientName
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError, require_extra
-from inercal.io.atomic_files import atomic_write, make_folder
+from inercal.basics.arrays import Array
+from inercal.basics.atomic_files import atomic_write, make_folder
+from inercal.basics.errors import InputError, require_extra
 
 Table = Any  # pyarrow.Table, which is untyped
 

@@ -7,17 +7,17 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from inercal.basics.errors import InputError
+from inercal.basics.parallel import SerialExecutor, TimeExceeded, TolerantExecutor, WorkerLost
 from inercal.calibration.files import parse
 from inercal.calibration.specification import conformity_lines
-from inercal.errors import InputError
 from inercal.fleet import results
 from inercal.fleet.batch import Work, failed_row, result_row
 from inercal.fleet.inputs import COMPARED, sensor_inputs
 from inercal.fleet.line import BARCODE, ID, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, version_of
 from inercal.fleet.time_limit import TimeLimit
-from inercal.io.column_table import file_sha256
-from inercal.parallel import SerialExecutor, TimeExceeded, TolerantExecutor, WorkerLost
+from inercal.recordings.io.column_table import file_sha256
 
 _HIDDEN = (".", "~")
 

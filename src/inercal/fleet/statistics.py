@@ -2,7 +2,8 @@
 
 The scatter of values holds the uncertainty of each. The standard deviation in truth is
 √(sd² − mean u²); the components between lots and within them are those of
-`inercal.uncertainty.components`. The capability of a process with the limits T_L and T_U is
+`inercal.estimation.uncertainty.components`. The capability of a process with the limits T_L and T_U
+is
 
     C_pk = min(T_U − μ, μ − T_L) / 3σ,   its interval C_pk ± 1.96 √(1/9n + C_pk²/(2n − 2))
 
@@ -20,15 +21,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty.components import Components, variance_components
+from inercal.estimation.uncertainty.conformity import RESULTS, DecisionRule, judge
+from inercal.estimation.uncertainty.outliers import LEAST_ROWS, NAMED_BY_CHANCE, find_outliers
+from inercal.estimation.uncertainty.robust import robust_scale, squared_distances
 from inercal.fleet.contrasts import Contrast, marked, station_differences, trend
 from inercal.fleet.control_chart import ControlChart, control_charts
 from inercal.fleet.population import Grouping, Indices, Mask, Population
-from inercal.uncertainty.components import Components, variance_components
-from inercal.uncertainty.conformity import RESULTS, DecisionRule, judge
-from inercal.uncertainty.outliers import LEAST_ROWS, NAMED_BY_CHANCE, find_outliers
-from inercal.uncertainty.robust import robust_scale, squared_distances
 
 QUANTILES = (0.01, 0.05, 0.25, 0.75, 0.95, 0.99)
 TRENDS = ("serial order", "time")

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from inercal.calibration.grade import GRADE_WORDS
+from inercal.estimation.uncertainty.conformity import RESULTS
 from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
-from inercal.uncertainty.conformity import RESULTS
 
 _NAMES = 1000  # of sensors with one reason that are listed
 

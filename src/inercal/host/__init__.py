@@ -1,1 +1,1 @@
-"""The bench host: it drives a table, reads an IMU, keeps what came, and finds the result live."""
+"""The bench host: drives a table, reads an IMU, records both and estimates live."""

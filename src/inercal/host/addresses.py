@@ -21,7 +21,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis

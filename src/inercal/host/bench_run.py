@@ -21,8 +21,8 @@ from typing import Literal, Self
 
 import numpy as np
 
+from inercal.basics.errors import InercalError, InputError
 from inercal.benches.turntable import require_turntable
-from inercal.errors import InercalError, InputError
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
 from inercal.host.assembly.clock_matching import CLOCK_LOST
 from inercal.host.assembly.rate_polls import RatePlausibility

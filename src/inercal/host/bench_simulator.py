@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.closeable import Closeable
 from inercal.host.packets import read_layout

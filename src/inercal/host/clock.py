@@ -25,7 +25,7 @@ from time import monotonic, sleep
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.link import LinkLost, connect_socket, host_and_port
 
 _ANSWER_TIMEOUT = 20  # s; of a bench whose machine is busy

@@ -10,7 +10,7 @@ from math import isnan, nan
 from threading import Condition, Thread
 from time import monotonic
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.closeable import Closeable
 from inercal.host.link import Link, LinkLost
 from inercal.host.packets import PacketLayout

@@ -18,16 +18,16 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches.motion_control import ControlledBench
 from inercal.benches.turntable import Turntable, is_turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.reading.implied_rates import gyro_rates, half_window, table_rates
-from inercal.errors import InputError
 from inercal.host.drivers.rotary_table import AxisLimits, TableState
-from inercal.recording import Track
-from inercal.sensors import Sensor
-from inercal.units import ZERO_CELSIUS
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Track
 
 MAX_CHECK_INTERVAL = 0.5  # s from one check of an interlock to the next
 _FOLLOWING_ERROR_SHARE = 0.5  # of the following error at which the servo gives up

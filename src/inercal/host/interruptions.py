@@ -6,7 +6,7 @@ from queue import SimpleQueue
 from time import monotonic
 from typing import Literal, Protocol
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.guard import Guard
 from inercal.host.interlocks import MAX_CHECK_INTERVAL
 from inercal.host.sequencer import Sequencer

@@ -15,10 +15,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, Self
 
-from inercal.errors import InputError
+from inercal.basics.atomic_files import atomic_write
+from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.run_log import os_errors_as_input_errors
-from inercal.io.atomic_files import atomic_write
 
 NOTE_LEVEL = "note"  # of an event that the operator wrote
 _VERSION = 1

@@ -12,7 +12,7 @@ from time import monotonic
 from typing import Protocol, Self
 from urllib.parse import SplitResult, parse_qsl, urlsplit
 
-from inercal.errors import InercalError, InputError, require_extra
+from inercal.basics.errors import InercalError, InputError, require_extra
 from inercal.host.closeable import Closeable
 
 # The error of a terminal that is gone, on systems that have them; it is not an OSError.

@@ -6,7 +6,7 @@ from math import nan
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.assembly import SampleBlock
 from inercal.methods import METHODS, PartialEstimate
 from inercal.runfile import Run

@@ -15,16 +15,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable.small_matrices import copy_matrix
 from inercal.methods.turntable.strapdown import rotate, rotation_error
-from inercal.recording import Track
-from inercal.sensors import Sensor
-from inercal.sensors.inverse import inverse
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.inverse import inverse
+from inercal.recordings import Track
 
 
 class NavigationSolution(NamedTuple):

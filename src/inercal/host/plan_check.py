@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.turntable import is_turntable
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, settling_time
-from inercal.design.turntable_path import turntable_path_sheet
-from inercal.errors import InputError, NotObserved
-from inercal.plan import Position
+from inercal.physics.plan import Position
+from inercal.pipeline.design.turntable_path import turntable_path_sheet
 from inercal.runfile import Run
 
 _REST_KEY = "hold"  # of the refusal of a first rest that is too short

@@ -20,11 +20,12 @@ from typing import Literal
 import numpy as np
 from numba.core import event
 
+from inercal.basics.errors import InercalError
+from inercal.basics.process_settings import prepare_process
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import Turntable, require_turntable
 from inercal.benches.turntable.attitude import motion
-from inercal.errors import InercalError
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.host.assembly import SampleAssembler
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
@@ -33,11 +34,10 @@ from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state
-from inercal.motion import Motion
-from inercal.process_settings import prepare_process
-from inercal.recording import Track
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Track
 from inercal.runfile import Run, read
-from inercal.sensors import G0, Sensor
 
 _RATE = 10.0  # Hz
 _REST = 22.0  # s, longer than a sequential estimator should wait before it begins

@@ -9,8 +9,8 @@ from math import inf
 from inercal.benches.motion_control import ControlledBench
 from inercal.benches.turntable import is_turntable
 from inercal.benches.turntable.reading.gyro_comparison import GyroComparison
-from inercal.recording import Track
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Track
 
 _INTERVAL = 60.0  # s between warnings of one kind
 

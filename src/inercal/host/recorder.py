@@ -13,9 +13,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from inercal.basics.errors import InercalError
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import require_turntable
-from inercal.errors import InercalError
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.clock import HostUptime
 from inercal.host.closeable import Closeable

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.atomic_files import atomic_write
+from inercal.basics.errors import InputError, require_extra, require_installed
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable.reading.host_readback import (
     BENCH_GROUP,
@@ -25,18 +27,16 @@ from inercal.benches.turntable.reading.host_readback import (
     Interruption,
     write_interruptions,
 )
-from inercal.data.recording_loader import readback_columns
-from inercal.errors import InputError, require_extra, require_installed
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.packets import PacketLayout
 from inercal.host.run_log import TABLE, file_sha256, read_frames
 from inercal.host.table_state_codec import unpack_states
-from inercal.io.atomic_files import atomic_write
-from inercal.io.simulation_mark import SIMULATION_KEY
-from inercal.recording import AngleQuality
+from inercal.physics.section_settings import key_error
+from inercal.recordings import AngleQuality
+from inercal.recordings.data.recording_loader import readback_columns
+from inercal.recordings.io.simulation_mark import SIMULATION_KEY
 from inercal.runfile import Run
-from inercal.section_settings import key_error
 
 _FRAMES_PER_PIECE = 4096  # worked through at once
 _NEEDS_H5PY = "a recording is written by h5py"
@@ -133,7 +133,7 @@ def write_recording(
     log_sha256 : str, optional
         Digest of the log, where it is known; else the log is read for it.
     simulation : str
-        The mark of a simulated bench (`inercal.io.simulation_mark`); empty for another.
+        The mark of a simulated bench (`inercal.recordings.io.simulation_mark`); empty for another.
 
     Raises
     ------

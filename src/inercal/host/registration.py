@@ -7,14 +7,14 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from inercal.errors import InercalError, InputError
+from inercal.basics.errors import InercalError, InputError
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.run_folder import JOURNAL, LOG, RunFolder
 from inercal.host.run_log import file_sha256
 from inercal.runfile import Run
 
 if TYPE_CHECKING:  # a bench runs without a register
-    from inercal.store import Register, SensorHistory
+    from inercal.laboratory.store import Register, SensorHistory
 
 
 def register_run(register: "Register", folder: str | Path) -> int:
@@ -34,7 +34,7 @@ def register_run(register: "Register", folder: str | Path) -> int:
         There is no journal in the folder, a file of raw data is not what the journal says, or the
         register cannot be written. Nothing is entered then.
     """
-    from inercal.store import RunFacts
+    from inercal.laboratory.store import RunFacts
 
     folder = Path(folder)
     with Journal(folder / JOURNAL, read_only=True) as journal:

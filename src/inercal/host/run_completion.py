@@ -15,12 +15,12 @@ from inercal.host.live_estimator import LiveEstimator
 from inercal.host.recording_writer import write_recording
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import file_sha256
-from inercal.io.simulation_mark import SIMULATION_OF
 from inercal.pipeline import Outcome, calibrate
+from inercal.recordings.io.simulation_mark import SIMULATION_OF
 from inercal.report import write_report
 
 if TYPE_CHECKING:
-    from inercal.store import SensorHistory
+    from inercal.laboratory.store import SensorHistory
 
 
 _LARGE_DIFFERENCE = 4.0  # standard deviations of the live estimate

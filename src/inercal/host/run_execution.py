@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.bench_run import SHOW_INTERVAL, BenchRun
 from inercal.host.journal import Journal

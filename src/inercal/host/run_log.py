@@ -21,9 +21,9 @@ from time import monotonic, sleep
 from typing import Literal, NamedTuple
 from zlib import crc32
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable
-from inercal.io import column_table
+from inercal.recordings.io import column_table
 
 if sys.platform != "win32":
     from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock

@@ -20,7 +20,7 @@ from pathlib import Path
 from stat import S_IWOTH
 from tempfile import gettempdir
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.addresses import table_places
 from inercal.host.closeable import Closeable
 from inercal.host.run_log import lock_file, os_errors_as_input_errors

@@ -1,7 +1,8 @@
-"""Calibration methods by name."""
+"""Calibration methods by name, and the residuals that they share."""
 
 from typing import Any
 
+from inercal.basics.registry import Registry
 from inercal.methods._base import (
     Fit,
     Method,
@@ -10,7 +11,6 @@ from inercal.methods._base import (
     Sequential,
     SequentialEstimator,
 )
-from inercal.registry import Registry
 
 METHODS: Registry[Method[Any, Any]] = Registry(
     "inercal.methods",

@@ -5,16 +5,16 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.report_data import Plot
-from inercal.environment import Environment
-from inercal.errors import InputError
-from inercal.recording import Finding, Observations, Track
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Observations, Track
+from inercal.recordings.environment import Environment
 
 if TYPE_CHECKING:  # a run file that is refused needs none of these
     from inercal.calibration.forms import Frame
-    from inercal.estimate import Estimate, Gaussian
+    from inercal.estimation import Estimate, Gaussian
 
 Kind = Literal["f", "w"]
 _WORDS = {"f": "accelerometers", "w": "gyros"}

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.observe._row_operations import INNER, KERNEL, add, fill
+from inercal.basics.arrays import Array
+from inercal.methods.residuals._row_operations import INNER, KERNEL, add, fill
 
 Indices = NDArray[np.int64]
 

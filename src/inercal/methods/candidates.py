@@ -18,12 +18,12 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate import Candidate, Gaussian, Problem
-from inercal.keys import CoefficientName, ErrorName, ObservationName
-from inercal.parameters import Parameter
-from inercal.sensors import G0, SI_UNITS, Sensor
-from inercal.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
+from inercal.basics.parameters import Parameter
+from inercal.estimation import Candidate, Gaussian, Problem
+from inercal.physics.sensors import G0, SI_UNITS, Sensor
+from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
 
 # Parameters of these scopes act on many rows; a parameter of one position acts like its row.
 _SHARED_SCOPES = ("run", "speed", "mounting", "pass")

@@ -22,14 +22,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
 from inercal.benches import Hand
 from inercal.benches.hand.bench import sensed_motion
-from inercal.estimate import Estimate
-from inercal.keys import CoefficientName
-from inercal.motion import Motion
-from inercal.plan import HandStep, Hold
-from inercal.sensors import Sensor
+from inercal.estimation import Estimate
+from inercal.physics.motion import Motion
+from inercal.physics.plan import HandStep, Hold
+from inercal.physics.sensors import Sensor
 
 Indices = NDArray[np.int64]
 

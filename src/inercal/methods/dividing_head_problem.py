@@ -5,18 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
-from inercal.errors import InputError
-from inercal.estimate import Gaussian, Problem
+from inercal.estimation import Gaussian, Problem
 from inercal.methods import candidates, mean_problem
-from inercal.parameters import Parameter
-from inercal.plan import Index
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.plan import Index
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error: higher ones act like errors of the graduations

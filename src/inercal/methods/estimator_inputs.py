@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from itertools import zip_longest
 from typing import Any
 
-from inercal.errors import InputError
-from inercal.estimate import Gaussian
+from inercal.basics.errors import InputError
+from inercal.estimation import Gaussian
 from inercal.methods.temperature import temperature_coefficients
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 
 def require_matching_rows(observations: Observations, sensor: Sensor, steps: Sequence[Any]) -> None:

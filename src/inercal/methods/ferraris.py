@@ -11,7 +11,7 @@ from inercal.methods._base import Method
 from inercal.methods.ferraris_formulas import classical
 from inercal.methods.hand_likelihood import ml
 from inercal.methods.order_effects import order_remarks
-from inercal.plan import ferraris_plan
+from inercal.physics.plan import ferraris_plan
 
 METHOD = Method(
     name="ferraris",

@@ -19,18 +19,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
+from inercal.estimation.uncertainty import propagate
 from inercal.methods import estimator_inputs
 from inercal.methods.hand_likelihood import ml
 from inercal.methods.likelihood_tests import with_problem_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE
-from inercal.plan import HandStep, Turn
-from inercal.recording import Observations
-from inercal.sensors import Sensor
-from inercal.uncertainty import propagate
+from inercal.physics.plan import HandStep, Turn
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 
 def classical(

@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
+from inercal.basics.parameters import Parameter
 from inercal.benches import Hand
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian, Problem
+from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.methods import mean_problem, trial_blocks
 from inercal.methods.curvature import Curvature, tilt_curvature
 from inercal.methods.observability import (
@@ -24,10 +25,9 @@ from inercal.methods.observability import (
     require_observed,
 )
 from inercal.methods.row_comparison import ReadingNoise
-from inercal.parameters import Parameter
-from inercal.plan import HandStep, Hold, Turn
-from inercal.recording import Observations
-from inercal.sensors import Sensor, inverse
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.sensors import Sensor, inverse
+from inercal.recordings import Observations
 
 _EXACT_LIMIT = 1e-15  # SI; a smaller deviation is exact: the level earth rate at a pole
 _UNREAD = 0.05  # of g: tilt of an axis, and a sensor aside of it

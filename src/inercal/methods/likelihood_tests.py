@@ -17,8 +17,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, ModelTest, Problem, least_squares
+from inercal.basics.errors import InputError, NotObserved
+from inercal.estimation import Estimate, ModelTest, Problem, least_squares
 
 READINGS_TEST = "readings against the bench as stated"
 FORMULA_TEST = "estimator against maximum likelihood"

@@ -11,18 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
 from inercal.benches import MeanBench, MeanMotion
-from inercal.errors import InputError
-from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem
+from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem
 from inercal.methods import candidates, temperature, trial_blocks
 from inercal.methods.estimator_inputs import require_matching_rows
+from inercal.methods.residuals import vector_residuals
+from inercal.methods.residuals.vector_equations import StatedMotion, VectorEquations
 from inercal.methods.row_comparison import ReadingNoise, RowComparison
-from inercal.observe import vector_residuals
-from inercal.observe.vector_equations import StatedMotion, VectorEquations
-from inercal.parameters import Parameter
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Observations
 
 ROUNDING = 2.0**-50  # of a reading: the error of the few operations that compute it
 

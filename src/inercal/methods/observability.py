@@ -14,12 +14,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian
-from inercal.keys import CoefficientName
-from inercal.plan import HandStep, Hold, Turn
-from inercal.sensors import Sensor
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
+from inercal.basics.keys import CoefficientName
+from inercal.estimation import Estimate, Gaussian
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.sensors import Sensor
 
 NOISE_ONLY_NOTE = (
     "the uncertainties include the noise of the means alone: the bench is taken as exact"

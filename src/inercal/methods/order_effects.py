@@ -19,16 +19,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches import Hand
 from inercal.benches.hand.bench import visit_number
 from inercal.calibration.detectability import CRITICAL_SHIFT, DETECTABLE_NORM
 from inercal.methods._base import Fit, Remarks
-from inercal.plan import Hold, Turn
-from inercal.recording import Finding
-from inercal.sensors import Sensor
-from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
-from inercal.units import format_value_and_uncertainty
+from inercal.physics.plan import Hold, Turn
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.recordings import Finding
 
 _KINDS = {"f": "accelerometers", "w": "gyros"}
 _BIASES = {"f": "k0", "w": "bias"}

@@ -8,14 +8,14 @@ from math import pi
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches.rate_table.bench import RateTable
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods._base import Fit, Remarks
-from inercal.motion import Motion
-from inercal.plan import Spin
-from inercal.sensors import G0, Sensor
-from inercal.units import format_value_and_uncertainty
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, Sensor
 
 _POSE_COUNT = 300
 _MILLI_G = 1e-3 * G0

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from inercal.arrays import Array
-from inercal.estimate.problem import NormalEquationsOf
+from inercal.basics.arrays import Array
+from inercal.estimation.problem import NormalEquationsOf
 
 
 class ReadingNoise(NamedTuple):

@@ -24,17 +24,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, force_sensitivities, sensed_motion
-from inercal.estimate import Candidate, Gaussian, Problem, ScoreTestSet, score_tests
-from inercal.estimate.lazy_value import LazyValue
-from inercal.estimate.scores import NO_SCORE_TESTS
+from inercal.estimation import Candidate, Gaussian, Problem, ScoreTestSet, score_tests
+from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.methods import mean_problem
 from inercal.methods.observability import OBSERVABILITY_LIMIT
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
-from inercal.sensors.affine import AffineModel, to_coefficients
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.affine import AffineModel, to_coefficients
+from inercal.recordings import Observations
 
 _ITERATIONS = 3  # of Gauss and Newton: norms are nearly linear in θ
 _VARIANCE_FLOOR = 1e-14  # of the largest variance: below, a variance is rounding

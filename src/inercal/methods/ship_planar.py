@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, is_tilted, planar_plan
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian, NullDirection
+from inercal.estimation import Estimate, Gaussian, NullDirection
 from inercal.methods import prediction_error
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import (
@@ -37,10 +37,10 @@ from inercal.methods.ship_consistency import (
     consistency,
     row_covariance,
 )
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
-from inercal.sensors.affine import AffineModel, require_affine_triad, to_coefficients
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.affine import AffineModel, require_affine_triad, to_coefficients
+from inercal.recordings import Observations
 
 _ROUNDING = 1e-13
 # Of the largest singular value of the sensed motion: below, an axis is not excited

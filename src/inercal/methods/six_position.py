@@ -13,7 +13,7 @@ from inercal.methods._base import Method
 from inercal.methods.ferraris_formulas import classical
 from inercal.methods.hand_likelihood import ml
 from inercal.methods.order_effects import order_remarks
-from inercal.plan import six_positions
+from inercal.physics.plan import six_positions
 
 METHOD = Method(
     name="six_position",

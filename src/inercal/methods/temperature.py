@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.recording import TEMPERATURE_VARIATION, Observations, Track
-from inercal.sensors import Sensor
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.sensors import Sensor
+from inercal.recordings import TEMPERATURE_VARIATION, Observations, Track
 
 
 def row_offsets(observations: Observations, sensor: Sensor) -> Array:

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from inercal.estimate import Estimate, Gaussian, Problem, least_squares, least_squares_of_trials
-from inercal.recording import Observations
+from inercal.estimation import Estimate, Gaussian, Problem, least_squares, least_squares_of_trials
+from inercal.recordings import Observations
 
 
 def solve(

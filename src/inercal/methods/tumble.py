@@ -48,24 +48,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.keys import CoefficientName
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian
-from inercal.keys import CoefficientName
+from inercal.estimation import Estimate, Gaussian
+from inercal.estimation.uncertainty.propagation import value_and_jacobian
 from inercal.methods import dividing_head_problem, estimator_inputs, trial_blocks
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import coefficient_sums
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
-from inercal.motion import Motion
-from inercal.plan import Index
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
-from inercal.uncertainty.propagation import value_and_jacobian
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Index
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Observations
 
 _MAX_ANGLE_CORRECTION = 0.01  # rad, from a stated to an even angle, of `fourier`
 # Each iteration reduces the error by the factor `_MAX_ANGLE_CORRECTION` or more.

@@ -16,11 +16,11 @@ from math import ceil, degrees, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError, NotObserved
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
 from inercal.methods.observability import direction_in_words
-from inercal.motion import Motion
-from inercal.sensors import G0, Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, Sensor
 
 TERMS = ("k0", "k1", "delta_o", "k2", "kip", "k3")
 _HARMONIC_OF_TERM = {"k0": "A0", "k1": "S1", "delta_o": "C1", "k2": "C2", "kip": "S2", "k3": "S3"}

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 
 _BLOCK = 4096  # differences of all factors in turn, whose places stay in the cache
 

@@ -11,11 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.blas_threads import with_one_thread
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.blas_threads import with_one_thread
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.noise.channel_model import ChannelSummary, selection_with_filter
-from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, quantity_of
+from inercal.noise.channel_noise import (
+    ChannelNoise,
+    NoiseAnalysis,
+    Quantity,
+    coefficient_unit,
+    quantity_of,
+)
 from inercal.noise.coefficients import Method
 from inercal.noise.conclusion import conclude
 from inercal.noise.deviations import Deviations, Spacing, deviations
@@ -24,8 +31,7 @@ from inercal.noise.gap_oadev import fits_grid, gap_oadev, join_deviations
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.lines import SpectralLine, take_out_lines
 from inercal.noise.movement import movement
-from inercal.noise.pieces import Part, Pieces, split_at_gaps
-from inercal.noise.quiet_parts import quiet_parts, walk_remark
+from inercal.noise.pieces import FEWEST, Part, Pieces, split_at_gaps
 from inercal.noise.rest_units import check_rest_units
 from inercal.noise.rounding import check_rounding, rounding_step
 from inercal.noise.selection import CANDIDATES
@@ -38,9 +44,61 @@ from inercal.noise.spectrum import (
     remove_band,
 )
 from inercal.noise.terms import TERMS
-from inercal.recording import Recording
-from inercal.sensors import G0
-from inercal.units import si_factor
+from inercal.physics.sensors import G0
+from inercal.recordings import Recording
+
+_MARGIN = 1.0  # s, on both sides of a disturbance
+
+
+def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) -> list[Part]:
+    """Return the pieces that no disturbance, nor 1 s about it, covers.
+
+    Raises
+    ------
+    InputError
+        None has 64 samples.
+    """
+    kept: list[Part] = []
+    for part in parts:
+        good = np.ones(len(part) + 1, dtype=bool)
+        good[-1] = False
+        for one in found:
+            seconds = one.seconds if np.isfinite(one.seconds) else 0.0
+            first = int((one.time - part.start - _MARGIN) / dt)
+            last = int(np.ceil((one.time + seconds - part.start + _MARGIN) / dt))
+            good[max(first, 0) : max(last, 0)] = False
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], good])))
+        spans = [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+        kept += [part.slice_samples(a, b, dt) for a, b in spans if b - a >= FEWEST]
+    if not kept:
+        raise InputError("nothing of the recording is undisturbed: record again")
+    return kept
+
+
+def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) -> str:
+    """Return K with and without the disturbed times.
+
+    Parameters
+    ----------
+    channel : ChannelNoise
+    other : NoiseFit or None
+        Without the disturbed times where `channel` has them, else with them.
+    kept : bool
+        Whether `channel` has the disturbed times.
+    """
+    if other is None:
+        return "disturbances cover the recording: K without them is not known"
+    one, two = (_walk(fit, channel.quantity) for fit in (channel.fit, other))
+    with_them, without = (one, two) if kept else (two, one)
+    how = "; --skip-disturbed leaves them out" if kept else ""
+    return f"K with the disturbed times: {with_them}; without: {without}{how}"
+
+
+def _walk(fit: NoiseFit, quantity: Quantity) -> str:
+    unit = coefficient_unit("K", quantity)
+    variance = fit.variance("K")
+    return f"{np.sqrt(variance) / si_factor(unit):.3g} {unit}" if variance > 0 else "none"
+
 
 DEVIATIONS = ("oadev", "mdev", "ohdev", "totdev")
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.band_edge import band_below
 from inercal.noise.channel_noise import NoiseRefusal, Quantity
 from inercal.noise.deviations import Deviations

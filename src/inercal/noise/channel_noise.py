@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.drift_regression import DriftTerm
@@ -15,7 +16,6 @@ from inercal.noise.output_filter import OutputFilter
 from inercal.noise.selection import Selection
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import TERMS
-from inercal.units import si_factor
 
 Quantity = Literal["gyro", "accelerometer"]
 SI_UNIT: dict[Quantity, str] = {"gyro": "rad/s", "accelerometer": "m/s²"}

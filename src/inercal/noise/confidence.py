@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.numerics import chi_squared_quantiles
 
 LABELS = {2: "quantisation", 1: "flicker of phase", 0: "white", -1: "flicker", -2: "random walk",

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.deviations import Deviations
 from inercal.noise.numerics import nonnegative_least_squares, pseudo_inverse
 from inercal.noise.output_filter import OutputFilter, filtered_avar, filtered_model_avar

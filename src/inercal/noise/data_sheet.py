@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from math import nan, pi, sin, sqrt
 from typing import Literal
 
+from inercal.basics.units import si_factor
 from inercal.noise.channel_noise import Quantity, coefficient_unit
 from inercal.noise.sensor_noise import QUANTITIES, SensorNoise, TriadNoise, root_mean_of_squares
 from inercal.noise.terms import FLICKER_FLOOR
-from inercal.units import si_factor
 
 WhiteKind = Literal["density", "random walk"]
 BiasKind = Literal["minimum", "coefficient"]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.expected_periodogram import expected_periodogram
 from inercal.noise.likelihood import NoiseFit, fit_again
 from inercal.noise.numerics import dct2, pseudo_inverse

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.numerics import cosine_sums, dct2, sine_sums
 from inercal.noise.terms import TERMS
 

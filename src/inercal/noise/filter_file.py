@@ -9,7 +9,7 @@ from math import ceil, exp, log10
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.noise.channel_noise import SI_UNIT
 from inercal.noise.flicker_states import flicker_states
 from inercal.noise.noise_files import require_rate

@@ -2,10 +2,10 @@
 
 from math import inf
 
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.noise.channel_noise import ChannelNoise
 from inercal.noise.output_filter import OutputFilter
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_value_and_uncertainty
 
 FILTER_HEADS = ("channel", "shape", "cut-off, Hz", "U (k = 2)", "power at half the rate",
                 "gain of the criterion")  # fmt: skip

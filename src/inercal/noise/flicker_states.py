@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.numerics import nonnegative_least_squares
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.confidence import identify_noise, interval
 from inercal.noise.deviations import (
     Deviations,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.deviations import Deviations
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.numerics import normal_deviate

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.numerics import nonnegative_least_squares, pseudo_inverse, root_between
 from inercal.noise.spectrum import Bins
 

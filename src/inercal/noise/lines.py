@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Spectrum
 

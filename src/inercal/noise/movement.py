@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.units import si_factor
 from inercal.noise.channel_noise import quantity_of
-from inercal.recording import Recording
-from inercal.sensors import G0
-from inercal.units import si_factor
+from inercal.physics.sensors import G0
+from inercal.recordings import Recording
 
 LARGEST_TURN = np.radians(10.0)  # of gravity in the case, or of the sensor within a window
 WINDOW = 5.0  # s

@@ -8,11 +8,11 @@ from collections.abc import Collection
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_value_and_uncertainty, si_factor
 from inercal.noise.channel_noise import SI_UNIT, Quantity, coefficient_unit
 from inercal.noise.sensor_noise import SensorNoise, TriadNoise
 from inercal.noise.terms import FLICKER_FLOOR
-from inercal.units import format_value_and_uncertainty, si_factor
 
 HORIZON = 100.0  # s, over which a filter without B is to be right
 _KEYS = {"N": "white", "B": "bias_instability", "K": "random_walk"}

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 
 
 def dct2(values: Array, axis: int = -1) -> Array:

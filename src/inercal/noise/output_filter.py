@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.terms import TERMS, model_avar
 
 LEAST_RELATIVE_U = 0.01

@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.noise.spectrum import SHORTEST_PIECE
-from inercal.recording import Recording
+from inercal.recordings import Recording
 
 FEWEST = 64  # samples of a recording
 FEW_LOST, LOST_SHARE = 2, 0.02  # samples in a gap, and of the recording, that are closed up

@@ -6,18 +6,18 @@ their own: they can only read too much.
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.io.rest_norm import (
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
+from inercal.noise.channel_noise import Quantity, quantity_of
+from inercal.recordings import Recording
+from inercal.recordings.io.rest_norm import (
     LARGEST_BIAS,
     norm_at_rest,
     norm_finding,
     rate_finding,
     rest_norm_text,
 )
-from inercal.noise.channel_noise import Quantity, quantity_of
-from inercal.recording import Recording
-from inercal.units import si_factor
 
 _TRIAD = 3
 

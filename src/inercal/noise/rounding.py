@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 
 REFUSED, WARNED = 0.4, 0.5  # sd of the noise over the step
 _LOOKED_AT = 100_000  # samples

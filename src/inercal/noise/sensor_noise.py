@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, Quantity
 from inercal.noise.filter_texts import filter_notes
 from inercal.noise.terms import FLICKER_FLOOR

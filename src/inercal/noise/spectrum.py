@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.expected_periodogram import expected_periodogram, squared_coefficients
 from inercal.noise.output_filter import OutputFilter
 

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.blas_threads import with_one_thread
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.blas_threads import with_one_thread
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.noise.analysis import candidate_models
 from inercal.noise.channel_model import ChannelSummary
 from inercal.noise.channel_noise import NoiseAnalysis, Quantity, quantity_of
@@ -22,9 +23,8 @@ from inercal.noise.rest_units import check_rest_units
 from inercal.noise.spectrum import Band, remove_band
 from inercal.noise.streamed_means import StreamedMeans
 from inercal.noise.streaming import StreamedChannel
-from inercal.recording import Recording
-from inercal.sensors import G0
-from inercal.units import si_factor
+from inercal.physics.sensors import G0
+from inercal.recordings import Recording
 
 _MOST_STREAMS = 48  # channels times pieces; each keeps 3 MB and more
 

@@ -6,7 +6,7 @@ means lie on the grid of its block means for the low frequencies.
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.spectrum import LONGEST, block_means
 
 KEPT_EVERY = 64

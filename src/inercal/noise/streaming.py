@@ -8,7 +8,7 @@ and changes of the mean come from the kept cumulative sums. 10⁸ samples keep a
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.noise.confidence import identify_noise
 from inercal.noise.deviations import (
     ALLAN,

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 
 FLICKER_FLOOR = float(2 * np.log(2) / np.pi)
 """Allan variance of flicker noise with B = 1: the floor of the deviation is 0.664 B."""

@@ -1,4 +1,4 @@
-"""The main path: from a run file to a calibration, and the same plan in simulation.
+"""The main path: from a run file to a calibration; drafts, plans, budgets and checks of it.
 
 run file ─> recording ─> audit ─> marks ─> observations ─> method's estimator ─> calibration
 """
@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from inercal.basics.blas_threads import with_one_thread
+from inercal.basics.errors import InercalError, InputError, NotObserved
+from inercal.basics.parameters import Parameter
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Bench
-from inercal.blas_threads import with_one_thread
 from inercal.calibration import Calibration
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.verdict import verdict
-from inercal.data import EstimatorInput
-from inercal.errors import InercalError, InputError, NotObserved
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods import Fit, Remarks
 from inercal.methods.temperature import temperature_coefficients
-from inercal.parameters import Parameter
+from inercal.physics.sensors import Sensor
 from inercal.pipeline.advisor import RunAdvisor
 from inercal.pipeline.calibration_record import (
     bench_estimates,
@@ -46,10 +47,9 @@ from inercal.pipeline.temperature_fit import (
     with_common_errors,
 )
 from inercal.pipeline.zero_rate_check import check_zero_rates
-from inercal.recording import Finding, merge_findings
+from inercal.recordings import Finding, merge_findings
+from inercal.recordings.data import EstimatorInput
 from inercal.runfile import Run, read
-from inercal.sensors import Sensor
-from inercal.units import ZERO_CELSIUS
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory

@@ -12,16 +12,16 @@ from math import ceil, floor, log10
 
 import numpy as np
 
+from inercal.basics.errors import InercalError
+from inercal.basics.keys import CoefficientName, ErrorName
+from inercal.basics.parameters import Parameter
+from inercal.basics.run_file_advice import Advice, Change, with_changes
+from inercal.basics.units import Measured
 from inercal.benches.key_declarations import declarations
 from inercal.calibration.advising import action_on, also
 from inercal.calibration.best_cause import SuspectedCause
-from inercal.errors import InercalError
-from inercal.estimate import Estimate
-from inercal.keys import CoefficientName, ErrorName
-from inercal.parameters import Parameter
-from inercal.run_file_advice import Advice, Change, with_changes
+from inercal.estimation import Estimate
 from inercal.runfile import Run, from_sections
-from inercal.units import Measured
 
 _ENOUGH = 0.9  # of the fall of χ² that a cause explains
 _SAME = 1.0  # of χ²

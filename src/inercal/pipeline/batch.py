@@ -13,15 +13,15 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from inercal.arrays import Array
-from inercal.blas_threads import with_one_thread
-from inercal.data.recording_loader import reader_columns
-from inercal.errors import InputError
-from inercal.estimate import Estimate
+from inercal.basics.arrays import Array
+from inercal.basics.blas_threads import with_one_thread
+from inercal.basics.errors import InputError
+from inercal.estimation import Estimate
+from inercal.physics.sensors import Sensor
 from inercal.pipeline.run_arguments import stated_run
-from inercal.recording import Observations
+from inercal.recordings import Observations
+from inercal.recordings.data.recording_loader import reader_columns
 from inercal.runfile import Run
-from inercal.sensors import Sensor
 
 _BLOCK = 2000  # sensors, whose estimates with all nuisances are in memory at once
 

@@ -18,23 +18,23 @@ from json import dumps
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Bench
 from inercal.calibration import SharedError, Validity
 from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.simulated import SIMULATED
 from inercal.calibration.validity import Range
-from inercal.data import EstimatorInput
-from inercal.data.recording_loader import gyro_file
-from inercal.estimate import Estimate
-from inercal.io.column_table import file_sha256
-from inercal.io.simulation_mark import read_simulation_mark
-from inercal.parameters import Parameter
+from inercal.estimation import Estimate
+from inercal.physics.plan import Turn
+from inercal.physics.sensors import Sensor
 from inercal.pipeline.qualified_errors import qualified_errors
-from inercal.plan import Turn
+from inercal.recordings.data import EstimatorInput
+from inercal.recordings.data.recording_loader import gyro_file
+from inercal.recordings.io.column_table import file_sha256
+from inercal.recordings.io.simulation_mark import read_simulation_mark
 from inercal.runfile import Run
-from inercal.sensors import Sensor
-from inercal.units import ZERO_CELSIUS
 
 _LEAST_KNOWN = 0.1  # of the stated variance, that the data take away
 _LEAST_OWN = 1e-4  # of the variance of a bench estimate, where runs share all of it

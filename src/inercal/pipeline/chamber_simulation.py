@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import visit_number
-from inercal.data.recording_loader import number_repeated_names
-from inercal.environment import ChamberProfile, Environment
-from inercal.errors import InputError
-from inercal.motion import Motion
+from inercal.physics.motion import Motion
+from inercal.recordings.data.recording_loader import number_repeated_names
+from inercal.recordings.environment import ChamberProfile, Environment
 
 
 @dataclass(frozen=True, eq=False)

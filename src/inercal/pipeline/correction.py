@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.temperature_range import temperatures_outside
-from inercal.data import recording_loader
-from inercal.data.recording_loader import readback_columns, reader_columns
-from inercal.errors import InputError
 from inercal.methods import METHODS
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
-from inercal.recording import Finding, Recording, ahead_of_lag
+from inercal.recordings import Finding, Recording, ahead_of_lag
+from inercal.recordings.data import recording_loader
+from inercal.recordings.data.recording_loader import readback_columns, reader_columns
 from inercal.runfile import Run, read
-from inercal.units import ZERO_CELSIUS
 
 _ALL = 3  # axes that measure every component
 _MARGIN = 0.01  # of the range of the rates

@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.report_data import Plot
 from inercal.calibration import Calibration
 from inercal.calibration.display import to_html
 from inercal.calibration.grade import Verdict
-from inercal.estimate import Estimate
-from inercal.motion import Motion
-from inercal.parameters import Parameter
+from inercal.estimation import Estimate
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Step
 from inercal.pipeline.temperature_fit import TemperatureFit
-from inercal.plan import Step
-from inercal.recording import Finding, Mark, Observations, Recording
-from inercal.segments import RestDetection
+from inercal.recordings import Finding, Mark, Observations, Recording
+from inercal.recordings.segments import RestDetection
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import SearchHistory

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from inercal.basics.parameters import Parameter, QualifiedParameters
+from inercal.benches.qualification.joint_prior import joint_prior
 from inercal.calibration import SharedError
-from inercal.estimate import Estimate
-from inercal.parameters import Parameter, QualifiedParameters
-from inercal.qualification.joint_prior import joint_prior
+from inercal.estimation import Estimate
 from inercal.runfile import Run
 
 

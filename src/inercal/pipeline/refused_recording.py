@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from inercal.data.recording_loader import load_recording
-from inercal.errors import InputError
-from inercal.recording import Recording
+from inercal.basics.errors import InputError
+from inercal.recordings import Recording
+from inercal.recordings.data.recording_loader import load_recording
+from inercal.recordings.segments import RestDetection
 from inercal.runfile import Run
-from inercal.segments import RestDetection
 
 
 @dataclass(frozen=True, eq=False)

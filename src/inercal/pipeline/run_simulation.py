@@ -6,29 +6,29 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import face_label
-from inercal.data.recording_loader import (
-    apply_axis_signs,
-    range_limits,
-    readback_columns,
-    readback_units,
-    reader_columns,
-)
-from inercal.errors import InputError
-from inercal.io.file_patterns import is_pattern
-from inercal.io.simulation_mark import SIMULATION_OF
-from inercal.motion import Motion
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Axis, Sensor
 from inercal.pipeline.chamber_simulation import (
     in_chamber,
     repeatability_errors,
     require_profile,
     steps_of_soaks,
 )
-from inercal.recording import Recording
+from inercal.recordings import Recording
+from inercal.recordings.data.recording_loader import (
+    apply_axis_signs,
+    range_limits,
+    readback_columns,
+    readback_units,
+    reader_columns,
+)
+from inercal.recordings.io.file_patterns import is_pattern
+from inercal.recordings.io.simulation_mark import SIMULATION_OF
 from inercal.runfile import Run, read
-from inercal.sensors import Axis, Sensor
-from inercal.units import si_factor
 
 _ROUNDING = 1e-9
 _MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU

@@ -6,8 +6,8 @@ B² + K² T/3 + q²/12 of variance, which is allowed for. In motion and in a han
 than the sensor's noise: only a white noise that is too large shows there.
 
 From a table of means the noise is stated alone, and the residuals show it
-(`inercal.estimate.noise_scale`). The residuals also show where noise and bench together were stated
-too large, which is a remark: a bench may be better than one can state.
+(`inercal.estimation.noise_scale`). The residuals also show where noise and bench together were
+stated too large, which is a remark: a bench may be better than one can state.
 
 A noise that was stated too large counts from a factor of 1.3 on that chance does not explain. It is
 a warning where uncertainties follow from it: in a table of means, and in a method that weighs its
@@ -23,14 +23,14 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from inercal.arrays import Array
-from inercal.estimate import Estimate
-from inercal.estimate.noise_scale import noise_scale
-from inercal.keys import ObservationName
-from inercal.plan import Rotation, Spin, Step, Turn
-from inercal.recording import Finding, Observations, Severity
-from inercal.sensors import Sensor
-from inercal.units import format_value_and_uncertainty, si_factor
+from inercal.basics.arrays import Array
+from inercal.basics.keys import ObservationName
+from inercal.basics.units import format_value_and_uncertainty, si_factor
+from inercal.estimation import Estimate
+from inercal.estimation.noise_scale import noise_scale
+from inercal.physics.plan import Rotation, Spin, Step, Turn
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Observations, Severity
 
 _LARGE_RATIO = 2.0  # of noise, beyond which unit or scale are in doubt
 _SEEN = 0.5  # steps: smaller noise is hidden by the rounding of the readings

@@ -1,8 +1,8 @@
 """Constants of a bench that a run file states without "±", and what they share in a result.
 
 Their uncertainty is taken as half a unit of the last digit
-(`inercal.units.parse_quantity`). Their part in u of a coefficient is the decrease of u when the
-constant is taken as exact::
+(`inercal.basics.units.parse_quantity`). Their part in u of a coefficient is the decrease of u when
+the constant is taken as exact::
 
     part² = u² − u²(exact)
 
@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
+from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 from inercal.benches import Bench
-from inercal.errors import InputError
-from inercal.estimate import Estimate
-from inercal.parameters import Parameter
-from inercal.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
+from inercal.estimation import Estimate
 
 _CONSTANT_UNITS = {  # of messages, by key of [bench]
     "gravity": "m/s²",

@@ -1,7 +1,7 @@
 """Fits over temperatures: errors that a soak's rows share, orders by test, soaks left out.
 
 1. A first fit with the highest orders gives the slopes ∂y/∂T, by which an error of a soak's
-   temperature acts (`inercal.environment.soaks`).
+   temperature acts (`inercal.recordings.environment.soaks`).
 2. Orders of bias, scale factor and misalignment are those of the least AIC
    (`inercal.pipeline.temperature_orders`).
 3. Each soak is left out once. Its rows add χ²(all) − χ²(without it) to χ²: the square of their
@@ -15,24 +15,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.data import EstimatorInput
-from inercal.environment import Environment
-from inercal.environment.common_errors import (
-    changed_by_soak_errors,
-    with_added_covariance,
-    with_temperature_shift,
-)
-from inercal.environment.soak_loops import SoakLoop, soak_loops
-from inercal.environment.soaks import (
-    SOAK_SPREAD,
-    distinct_levels,
-    soak_numbers,
-    soak_temperatures,
-    with_soak_errors,
-)
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.units import ZERO_CELSIUS
+from inercal.estimation import Estimate
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import Axis, Sensor
+from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.pipeline.temperature_orders import (
     Orders,
     OrderTest,
@@ -40,13 +29,24 @@ from inercal.pipeline.temperature_orders import (
     used_orders,
     with_orders,
 )
-from inercal.recording import Finding, Observations, temperature_rate
+from inercal.recordings import Finding, Observations, temperature_rate
+from inercal.recordings.data import EstimatorInput
+from inercal.recordings.environment import Environment
+from inercal.recordings.environment.common_errors import (
+    changed_by_soak_errors,
+    with_added_covariance,
+    with_temperature_shift,
+)
+from inercal.recordings.environment.soak_loops import SoakLoop, soak_loops
+from inercal.recordings.environment.soaks import (
+    SOAK_SPREAD,
+    distinct_levels,
+    soak_numbers,
+    soak_temperatures,
+    with_soak_errors,
+)
 from inercal.runfile import Run
 from inercal.runfile.environment_section import MAX_ORDERS, QUANTITIES
-from inercal.section_settings import key_error
-from inercal.sensors import Axis, Sensor
-from inercal.sensors.coefficient_tables import BIAS_UNITS
-from inercal.units import ZERO_CELSIUS
 
 LEAST_SPAN = 10.0  # K
 LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty

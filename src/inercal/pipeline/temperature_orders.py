@@ -12,11 +12,11 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.estimate import Estimate
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.estimation import Estimate
+from inercal.physics.sensors import Sensor
 from inercal.runfile.environment_section import MAX_ORDERS, order_terms, orders_of_terms
-from inercal.sensors import Sensor
 
 Orders = tuple[int, int, int]
 

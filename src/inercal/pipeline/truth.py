@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
-from inercal.errors import InputError
 
 
 def true_coefficients(calibration: Calibration, truth: Mapping[str, float]) -> Mapping[str, float]:

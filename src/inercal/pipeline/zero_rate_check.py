@@ -1,17 +1,20 @@
-"""Check of the units of gyro columns: at rest a gyro reads its bias; see `inercal.io.rest_norm`."""
+"""Check of the units of gyro columns: at rest a gyro reads its bias.
+
+`inercal.recordings.io.rest_norm` checks the accelerometers.
+"""
 
 from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
 
-from inercal.data.recording_loader import unsigned_column
-from inercal.estimate import Gaussian
-from inercal.io.rest_norm import LARGEST_BIAS, rate_finding
-from inercal.plan import Hold, Position, Step
-from inercal.recording import Finding, Observations
-from inercal.sensors import Sensor
-from inercal.uncertainty.coverage import COVERAGE
+from inercal.estimation import Gaussian
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.plan import Hold, Position, Step
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Observations
+from inercal.recordings.data.recording_loader import unsigned_column
+from inercal.recordings.io.rest_norm import LARGEST_BIAS, rate_finding
 
 
 def check_zero_rates(

@@ -8,25 +8,25 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inercal.budget import Budget
-from inercal.design.worksheet import Worksheet
-from inercal.drafts import Draft
-from inercal.errors import require_extra, require_installed
-from inercal.io.atomic_files import write_text
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import require_extra, require_installed
+from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
+from inercal.pipeline.budget import Budget
+from inercal.pipeline.design.worksheet import Worksheet
+from inercal.pipeline.drafts import Draft
 from inercal.pipeline.refused_recording import InspectedRecording
-from inercal.recording import Recording
-from inercal.sensors import Sensor
+from inercal.recordings import Recording
 
 if TYPE_CHECKING:  # reports do without a register, and most without a noise analysis
     from matplotlib.axes import Axes
 
-    from inercal.check_standard import ControlCharts
-    from inercal.check_standard.bench_charts import BenchCharts
+    from inercal.laboratory.check_standard import ControlCharts
+    from inercal.laboratory.check_standard.bench_charts import BenchCharts
+    from inercal.laboratory.store import CalibrationEntry, NoiseEntry, SensorEntry, SensorHistory
+    from inercal.laboratory.store.recalibration import Recalibration
     from inercal.noise import NoiseAnalysis
     from inercal.noise.data_sheet import DataSheetNoise
-    from inercal.store import CalibrationEntry, NoiseEntry, SensorEntry, SensorHistory
-    from inercal.store.recalibration import Recalibration
 
 
 def write_report(

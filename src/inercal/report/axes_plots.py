@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.physics.plan import Rotation, Turn
 from inercal.pipeline import Outcome
-from inercal.plan import Rotation, Turn
 from inercal.report.drawing import MAX_NAMES, SHAPES
 from inercal.report.figures import BAND_LIMIT, residual_tables
 

@@ -8,15 +8,19 @@ from datetime import datetime
 import numpy as np
 from markupsafe import Markup
 
-from inercal.check_standard.bench_chart_texts import bench_lines, day_signals, newest_statistics
-from inercal.check_standard.bench_charts import BenchCharts
-from inercal.check_standard.chart_texts import day
+from inercal.laboratory.check_standard.bench_chart_texts import (
+    bench_lines,
+    day_signals,
+    newest_statistics,
+)
+from inercal.laboratory.check_standard.bench_charts import BenchCharts
+from inercal.laboratory.check_standard.chart_texts import day
+from inercal.laboratory.store import CalibrationEntry
 from inercal.report import drawing
 from inercal.report.control_page import LASTING_WORDS, doubtful_rows, draw_dates, draw_points
 from inercal.report.drawing import BAND, MUTED, PAPER, WARN, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
-from inercal.store import CalibrationEntry
 
 _HEIGHT, _LABEL_ROOM, _COLUMNS = 1.3, 0.4, 2
 _DAY = 86_400.0

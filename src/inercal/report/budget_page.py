@@ -9,8 +9,8 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from inercal.budget import Budget
-from inercal.budget.contribution_table import (
+from inercal.pipeline.budget import Budget
+from inercal.pipeline.budget.contribution_table import (
     BudgetRow,
     contribution_rows,
     shift_cells,
@@ -30,7 +30,7 @@ _NAME_WIDTH, _NUMBER_WIDTH = 1.5, 0.55  # inches, left and right of the bars
 
 @dataclass(frozen=True)
 class CoefficientBudget:
-    """One coefficient of the page: its rows as `inercal.budget.contribution_table` gives them."""
+    """One coefficient of the page, with its rows of the table of contributions."""
 
     name: str
     meaning: str

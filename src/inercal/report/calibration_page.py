@@ -1,5 +1,6 @@
 """The page of a report: what each of its sections says, and the template that holds them."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isnan, nan
@@ -8,13 +9,16 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from inercal.basics.keys import CoefficientName
 from inercal.benches.report_data import MeasuredDirection
 from inercal.benches.turntable import is_turntable
 from inercal.calibration.specification import LimitRow, conformity_lines, limit_row
 from inercal.calibration.suspect_text import p_value_text
+from inercal.calibration.verdict import UNDETECTED_END, UNDETECTED_START
 from inercal.methods.observability import NOISE_ONLY_NOTE
+from inercal.physics.plan import Hold, Rotation, Spin, Step, Turn
+from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.pipeline import Outcome
-from inercal.plan import Hold, Rotation, Spin, Step, Turn
 from inercal.report import filter_figures, report_tables
 from inercal.report import hypothesis_tests as judged
 from inercal.report.drawing import draw_plot
@@ -28,10 +32,49 @@ from inercal.report.sphere import missing_faces, sphere
 from inercal.report.temperature_section import temperature_section
 from inercal.report.templates import render
 from inercal.report.traces import scatter_figure, section_figure
-from inercal.report.verdict_lines import verdict_lines
+
+_COMMA = re.compile(r", (?![^(]*\))")  # outside brackets
+
+
+@dataclass(frozen=True)
+class VerdictLine:
+    """A line of a verdict after its first.
+
+    Parameters
+    ----------
+    text : str
+        Of the line; of a folded one, what stands after the list, or empty.
+    causes : tuple of (str, str, str)
+        Name, meaning and size of each cause that the data cannot show; empty of other lines.
+    """
+
+    text: str
+    causes: tuple[tuple[str, str, str], ...] = ()
+
+
+def verdict_lines(lines: Sequence[str]) -> tuple[VerdictLine, ...]:
+    """Return the lines of a verdict, with the causes that the data cannot show as a list."""
+    return tuple(_line(text) for text in lines)
+
+
+def _line(text: str) -> VerdictLine:
+    if not text.startswith(UNDETECTED_START):
+        return VerdictLine(text)
+    listed, _, rest = text.partition(UNDETECTED_END)[2].partition("; ")
+    return VerdictLine(rest, tuple(_cause(one) for one in _COMMA.split(listed)))
+
+
+def _cause(text: str) -> tuple[str, str, str]:
+    name, _, size = text.removesuffix(")").partition(" (")
+    term = CoefficientName(name).term
+    meaning = next(
+        (one.meaning for table in TABLES.values() for one in table if one.name == term), ""
+    )
+    return name, meaning, size
+
 
 if TYPE_CHECKING:
-    from inercal.store import SensorHistory
+    from inercal.laboratory.store import SensorHistory
 
 
 @dataclass(frozen=True)

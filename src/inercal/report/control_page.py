@@ -12,16 +12,16 @@ from matplotlib.axes import Axes
 from matplotlib.dates import ConciseDateFormatter
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.check_standard import ControlCharts
-from inercal.check_standard.chart_texts import control_lines, day, signal_text
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.estimation.uncertainty.control_charts import KINDS, LastingKind
+from inercal.laboratory.check_standard import ControlCharts
+from inercal.laboratory.check_standard.chart_texts import control_lines, day, signal_text
+from inercal.laboratory.store import CalibrationEntry
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
-from inercal.store import CalibrationEntry
-from inercal.uncertainty.control_charts import KINDS, LastingKind
 
 _HEIGHT, _LABEL_ROOM, _COLUMNS = 1.3, 0.4, 2
 _DAY = 86_400.0

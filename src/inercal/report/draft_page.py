@@ -3,11 +3,11 @@
 import numpy as np
 from markupsafe import Markup
 
-from inercal.drafts import UNKNOWN, Draft
-from inercal.recording import Mark, Recording
+from inercal.physics.sensors import imu, triad
+from inercal.pipeline.drafts import UNKNOWN, Draft
+from inercal.recordings import Mark, Recording
 from inercal.report.templates import render
 from inercal.report.traces import signal_figure
-from inercal.sensors import imu, triad
 
 
 def page(draft: Draft) -> str:

@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from inercal.arrays import Array
-from inercal.estimate import Estimate
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.estimation import Estimate
 from inercal.pipeline import Outcome
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg

@@ -13,16 +13,16 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
 from inercal.benches import Turntable
-from inercal.estimate import FilterHistory, SmoothedStates
-from inercal.keys import CoefficientName
+from inercal.estimation import FilterHistory, SmoothedStates
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.sensors import G0, Sensor
 from inercal.pipeline import Outcome
-from inercal.recording import Track
+from inercal.recordings import Track
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, PAPER, WARN, Y, svg
-from inercal.sensors import G0, Sensor
-from inercal.uncertainty.coverage import COVERAGE
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import SearchHistory

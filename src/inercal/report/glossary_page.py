@@ -1,6 +1,6 @@
 """The page of the terms, which the live page links to."""
 
-from inercal.glossary import glossary
+from inercal.physics.glossary import glossary
 from inercal.report.templates import render
 
 

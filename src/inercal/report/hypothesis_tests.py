@@ -7,9 +7,9 @@ import numpy as np
 
 from inercal.calibration.best_cause import familywise_p_value
 from inercal.calibration.suspect_text import format_component, p_value_text
-from inercal.estimate import ScoreTest
+from inercal.estimation import ScoreTest
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.pipeline import Outcome
-from inercal.uncertainty.coverage import COVERAGE
 
 _MAX_LISTED = 10  # candidates
 _KIND_TEXTS = {

@@ -7,7 +7,8 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.units import si_factor
 from inercal.noise.channel_noise import ChannelNoise
 from inercal.noise.deviations import deviations
 from inercal.noise.output_filter import filtered_avar, filtered_model_avar
@@ -16,7 +17,6 @@ from inercal.noise.terms import TERMS, model_psd
 from inercal.noise.texts import SHOWN_UNIT
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, WARN, X, Y, Z, svg
-from inercal.units import si_factor
 
 _COLOURS = {"Q": MUTED, "N": X, "B": Y, "K": Z, "G": Y}
 _DASHES = {"Q": ":", "N": "--", "B": "-.", "K": (0, (6, 2)), "G": (0, (3, 1, 1, 1))}

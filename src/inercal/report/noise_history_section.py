@@ -11,14 +11,14 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.dates import ConciseDateFormatter
 
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.laboratory.store.entries import SensorEntry
+from inercal.laboratory.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
+from inercal.laboratory.store.noise_history_text import change_lines, trend_rows
 from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, MUTED, WARN, X, Y, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
-from inercal.store.entries import SensorEntry
-from inercal.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
-from inercal.store.noise_history_text import change_lines, trend_rows
-from inercal.uncertainty.coverage import COVERAGE
 
 _COLUMNS = 2
 _COLOURS = (X, Y, Z, INK, MUTED, WARN)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from inercal.basics.units import si_factor
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.data_sheet import DataSheetNoise
 from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
@@ -16,7 +17,7 @@ from inercal.noise.texts import (
     disturbance_text,
     movement_text,
 )
-from inercal.recording import Recording
+from inercal.recordings import Recording
 from inercal.report.noise_figures import (
     deviation_figure,
     residual_figure,
@@ -25,7 +26,6 @@ from inercal.report.noise_figures import (
 )
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
-from inercal.units import si_factor
 
 
 @dataclass(frozen=True)

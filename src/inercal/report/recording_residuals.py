@@ -16,7 +16,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable import is_turntable
 from inercal.pipeline import Outcome
 from inercal.report import drawing

@@ -1,9 +1,9 @@
 """The page of a recording that was refused: its signals, detected rests and thresholds."""
 
+from inercal.physics.sensors import Sensor
 from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.report.templates import render
 from inercal.report.traces import scatter_figure, signal_figure
-from inercal.sensors import Sensor
 
 
 def page(seen: InspectedRecording, sensor: Sensor, message: str) -> str:

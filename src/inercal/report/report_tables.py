@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.estimate import Estimate
-from inercal.keys import CoefficientName, ErrorName
-from inercal.parameters import Parameter, display_unit
+from inercal.basics.keys import CoefficientName, ErrorName
+from inercal.basics.parameters import Parameter, display_unit
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.estimation import Estimate
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.pipeline import Outcome
 from inercal.pipeline.truth import true_coefficients
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_value_and_uncertainty
 
 _MINUS_PATTERN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
 _MIN_CORRELATION = 0.5  # correlations from here on are named

@@ -11,28 +11,44 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.dates import ConciseDateFormatter
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.calibration.comparison.changes import YEAR, TrendVerdict
+from inercal.calibration.comparison.comparison_text import format_en
 from inercal.calibration.suspect_text import p_value_text
-from inercal.comparison.changes import YEAR, TrendVerdict
-from inercal.comparison.comparison_text import format_en
-from inercal.keys import CoefficientName
-from inercal.report import drawing
-from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
-from inercal.report.noise_history_section import noise_history_section
-from inercal.report.recalibration_section import recalibration_section
-from inercal.report.report_tables import typeset_minus
-from inercal.report.templates import render
-from inercal.store import NoiseEntry, SensorHistory
-from inercal.store.history import CoefficientTrend
-from inercal.store.history_text import (
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.laboratory.store import NoiseEntry, SensorHistory
+from inercal.laboratory.store.history import CoefficientTrend
+from inercal.laboratory.store.history_text import (
     drift_text,
     format_bands,
     format_point,
     format_slope,
     history_lines,
 )
-from inercal.store.recalibration import Recalibration, recalibration
-from inercal.uncertainty.coverage import COVERAGE
+from inercal.laboratory.store.recalibration import Recalibration, recalibration
+from inercal.laboratory.store.recalibration_text import (
+    interval_table,
+    limit_text,
+    recalibration_lines,
+)
+from inercal.report import drawing
+from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
+from inercal.report.noise_history_section import noise_history_section
+from inercal.report.report_tables import typeset_minus
+from inercal.report.templates import render
+
+
+def recalibration_section(found: Recalibration) -> Markup:
+    """Return the table of intervals and what follows from it, HTML."""
+    heads, cells = interval_table(found)
+    rows = [
+        (one.name, typeset_minus(limit_text(found, one)), *row)
+        for one, row in zip(found.rows, cells, strict=True)
+    ]
+    lines = [f"{line[0].upper()}{line[1:]}." for line in recalibration_lines(found)]
+    return Markup(render("recalibration.html", heads=heads, rows=rows, lines=lines))
+
 
 _VERDICT_WORDS: dict[TrendVerdict, str] = {
     "drifts": "drifting",

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.report_data import MeasuredDirection
-from inercal.plan import Hold, Rotation, Turn, describe_direction
+from inercal.physics.plan import Hold, Rotation, Turn, describe_direction
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 

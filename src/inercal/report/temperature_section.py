@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import ZERO_CELSIUS, format_value_and_uncertainty
 from inercal.calibration.temperature_curves import TemperatureCurve, temperature_curves
-from inercal.keys import CoefficientName
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.pipeline import Outcome
 from inercal.pipeline.temperature_fit import SoakLeftOut
 from inercal.pipeline.temperature_orders import OrderTest
 from inercal.report import drawing
 from inercal.report.report_tables import typeset_minus
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import ZERO_CELSIUS, format_value_and_uncertainty
 
 _POINTS = 60
 _TABLE_ROWS = 7

@@ -6,7 +6,7 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from inercal.glossary import Term, find_term
+from inercal.physics.glossary import Term, find_term
 
 _PACKAGE = "inercal.report"
 

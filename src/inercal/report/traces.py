@@ -12,14 +12,14 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
-from inercal.recording import Mark, Recording
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import RestDetection, scatter
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, WARN, svg
 from inercal.report.figures import SENSOR_KINDS
-from inercal.segments import RestDetection, scatter
-from inercal.sensors import Sensor
 
 MAX_POINTS = 2400  # of each channel, at most
 

@@ -2,11 +2,11 @@
 
 from itertools import groupby
 
-from inercal.design.expected_uncertainty import ExpectedUncertainty
-from inercal.design.worksheet import Worksheet
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.pipeline.design.expected_uncertainty import ExpectedUncertainty
+from inercal.pipeline.design.worksheet import Worksheet
 from inercal.report.templates import render
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_value_and_uncertainty
 
 _MAX_ROWS = 24  # rows of a group that one sheet of paper holds
 

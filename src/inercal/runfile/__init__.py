@@ -13,13 +13,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.small_files import parse_toml, read_small_file
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS, kind_name_for_class
-from inercal.errors import InputError
-from inercal.keys import CoefficientName
+from inercal.benches.qualification import UsedQualifications
 from inercal.methods import method
-from inercal.plan import Turn
-from inercal.qualification import UsedQualifications
+from inercal.physics.plan import Turn
+from inercal.physics.sensors import Sensor
 from inercal.runfile.check_standard_keys import stated_check_standard
 from inercal.runfile.environment_section import (
     stated_environment,
@@ -49,8 +51,6 @@ from inercal.runfile.section_checks import (
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.specification_section import stated_specification
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
-from inercal.sensors import Sensor
-from inercal.small_files import parse_toml, read_small_file
 
 _QUESTION = re.compile(
     r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(please tell: )?(?P<comment>.*?)\s*)?'

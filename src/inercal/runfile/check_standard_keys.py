@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from inercal.errors import InputError
-from inercal.recording import Finding
+from inercal.basics.errors import InputError
+from inercal.physics.section_settings import BenchSection, key_error, si_value
+from inercal.recordings import Finding
 from inercal.runfile.job import JobSection
-from inercal.section_settings import BenchSection, key_error, si_value
 
 _KEY, _AGE = "[bench] check_standard", "[bench] check_standard_age"
 

@@ -5,15 +5,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from inercal.environment import ChamberProfile, Environment
-from inercal.errors import InputError
-from inercal.keys import CoefficientName
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import Measured
 from inercal.methods import Method
-from inercal.recording.temperature_readout import first_impossible, impossible_text
+from inercal.physics.section_settings import key_error, measured_constant, si_value
+from inercal.physics.sensors import Sensor
+from inercal.recordings.environment import ChamberProfile, Environment
+from inercal.recordings.temperature_readout import first_impossible, impossible_text
 from inercal.runfile.schema import EnvironmentSection, RunSchema
-from inercal.section_settings import key_error, measured_constant, si_value
-from inercal.sensors import Sensor
-from inercal.units import Measured
 
 _WORDS = {"f": "accelerometers", "w": "gyros"}
 TemperatureOrder = Literal["auto"] | tuple[int, int, int] | None

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_toml
 from inercal.runfile import Run, read
 from inercal.runfile.filter_keys import FILTER_KEY, FILTER_METHOD, FILTER_RANGES
 from inercal.runfile.schema import FilterInitialSection, FilterSection
-from inercal.small_files import read_toml
 
 _INITIAL = "initial"
 _CHOICES: Mapping[str, tuple[str, ...]] = {

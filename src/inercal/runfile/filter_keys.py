@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from math import isclose
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from inercal.keys import CoefficientName
+from inercal.basics.keys import CoefficientName
 from inercal.methods import Method
+from inercal.physics.section_settings import key_error, si_value
+from inercal.physics.sensors import Sensor
 from inercal.runfile.schema import FilterSection, RunSchema
-from inercal.section_settings import key_error, si_value
-from inercal.sensors import Sensor
 
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter_config import FilterConfig

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from pydantic import Field
 
-from inercal.recording import Finding
+from inercal.physics.section_settings import DESCRIPTION, Section
+from inercal.recordings import Finding
 from inercal.runfile.laboratory_file import read_laboratory
-from inercal.section_settings import DESCRIPTION, Section
 
 _LABORATORY_TEXTS = {"laboratory", "address", "accreditation", "approved_by"}
 

@@ -9,9 +9,9 @@ from typing import Literal
 
 from pydantic import Field, ValidationError
 
+from inercal.basics.small_files import read_toml
+from inercal.physics.section_settings import Section
 from inercal.runfile.validation_errors import schema_error
-from inercal.section_settings import Section
-from inercal.small_files import read_toml
 
 Action = Literal["refuse", "mark"]
 

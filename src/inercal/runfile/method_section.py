@@ -5,12 +5,12 @@ from functools import partial
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.methods import METHODS, Method
-from inercal.plan import Step
+from inercal.physics.plan import Step
+from inercal.physics.section_settings import si_value
+from inercal.physics.sensors import G0
 from inercal.runfile.schema import MethodSection, SearchSection
-from inercal.section_settings import si_value
-from inercal.sensors import G0
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import SearchOptions

@@ -11,7 +11,8 @@ from typing import TypeVar, cast, get_args
 
 from pydantic import Field, ValidationError
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_toml
 from inercal.noise.channel_noise import Quantity
 from inercal.noise.data_sheet import (
     BandwidthKind,
@@ -26,10 +27,9 @@ from inercal.noise.data_sheet import (
     white_noise,
     white_noise_of_rms,
 )
+from inercal.physics.section_settings import Section, key_error, si_value
 from inercal.runfile.sensor_builder import READING_UNITS
 from inercal.runfile.validation_errors import schema_error
-from inercal.section_settings import Section, key_error, si_value
-from inercal.small_files import read_toml
 
 _Kind = TypeVar("_Kind")
 _Axes = str | tuple[str, str, str]

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from inercal.errors import InputError
-from inercal.estimate import Gaussian
-from inercal.keys import CoefficientName
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.estimation import Gaussian
+from inercal.physics.sensors import G0, Axis, Sensor
 from inercal.runfile.schema import MethodSection
 from inercal.runfile.sensor_builder import coefficient_value
-from inercal.sensors import G0, Axis, Sensor
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration

@@ -6,16 +6,16 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, cast
 
+from inercal.basics.errors import InputError
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
-from inercal.errors import InputError
-from inercal.qualification import KEY, NO_QUALIFICATIONS, UsedQualifications
-from inercal.qualification.bench_keys import (
+from inercal.benches.qualification import KEY, NO_QUALIFICATIONS, UsedQualifications
+from inercal.benches.qualification.bench_keys import (
     read_qualifications,
     require_parameters,
     with_qualified_keys,
 )
-from inercal.recording import Finding
+from inercal.recordings import Finding
 from inercal.runfile.job import JobSection
 
 

@@ -6,23 +6,23 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import is_file, read_toml, texts_of
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
-from inercal.environment import Environment
-from inercal.errors import InputError
-from inercal.io.file_patterns import is_pattern, matching_files
+from inercal.benches.qualification import NO_QUALIFICATIONS, UsedQualifications
 from inercal.methods import Method
 from inercal.methods._base import Estimator
-from inercal.plan import Step, TableStep, table_steps
-from inercal.qualification import NO_QUALIFICATIONS, UsedQualifications
-from inercal.recording import Finding
+from inercal.physics.plan import Step, TableStep, table_steps
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding
+from inercal.recordings.environment import Environment
+from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.runfile.environment_section import TemperatureOrder
-from inercal.sensors import Sensor
-from inercal.small_files import is_file, read_toml, texts_of
 
 if TYPE_CHECKING:
     from inercal.calibration.specification import Specification
-    from inercal.estimate import Gaussian
+    from inercal.estimation import Gaussian
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
@@ -66,7 +66,7 @@ class Run:
     findings : tuple of Finding
         Results of the comparison of stated values with one another.
     reader_options : mapping of str to object
-        Keys of [data] that belong to the reader of a format (`inercal.io.readers`).
+        Keys of [data] that belong to the reader of a format (`inercal.recordings.io.readers`).
     job : mapping of str to str
         Texts of [job] and of the laboratory's file, by name.
     specification : Specification or None
@@ -154,7 +154,7 @@ class Run:
             solve = partial(global_, options=self.search, progress=progress)
         if not self.qualified.each:
             return solve
-        from inercal.qualification.joint_prior import JointPriorEstimator
+        from inercal.benches.qualification.joint_prior import JointPriorEstimator
 
         return JointPriorEstimator(solve)
 

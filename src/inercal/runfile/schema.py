@@ -9,12 +9,18 @@ from typing import Any, Literal
 
 from pydantic import Field, create_model
 
+from inercal.basics.errors import InputError
 from inercal.benches.kinds import KINDS
-from inercal.data.data_section import DataSection
-from inercal.errors import InputError
-from inercal.io.readers import known_options, readers_with_option
+from inercal.physics.section_settings import (
+    DESCRIPTION,
+    PLANNING,
+    BenchSection,
+    BenchUsage,
+    Section,
+)
+from inercal.recordings.data.data_section import DataSection
+from inercal.recordings.io.readers import known_options, readers_with_option
 from inercal.runfile.job import JobSection
-from inercal.section_settings import DESCRIPTION, PLANNING, BenchSection, BenchUsage, Section
 
 
 class ReadoutSection(Section):

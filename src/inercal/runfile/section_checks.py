@@ -4,14 +4,11 @@ from collections.abc import Sequence
 from math import degrees, sin
 from typing import Any
 
-from inercal.earth import COMPUTED_GRAVITY_SD, UNKNOWN_HEIGHT, normal_gravity
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.methods import Method
-from inercal.plan import Step, Turn
-from inercal.recording import Finding
-from inercal.recording.temperature_readout import COUNTS
-from inercal.runfile.schema import DataSection, MethodSection, ReadoutSection, RunSchema
-from inercal.section_settings import (
+from inercal.physics.earth import COMPUTED_GRAVITY_SD, UNKNOWN_HEIGHT, normal_gravity
+from inercal.physics.plan import Step, Turn
+from inercal.physics.section_settings import (
     MISSING_GRAVITY,
     BenchSection,
     BenchUsage,
@@ -19,7 +16,10 @@ from inercal.section_settings import (
     section_gravity,
     si_value,
 )
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding
+from inercal.recordings.temperature_readout import COUNTS
+from inercal.runfile.schema import DataSection, MethodSection, ReadoutSection, RunSchema
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
 _HIGHEST = 3000.0  # m: a laboratory whose height is not stated

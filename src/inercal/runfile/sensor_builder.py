@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured, parse_quantity, si_factor
+from inercal.physics.section_settings import si_value
+from inercal.physics.sensors import Noise, Readout, Sensor
 from inercal.runfile.schema import ReadoutSection, SensorSection
-from inercal.section_settings import si_value
-from inercal.sensors import Noise, Readout, Sensor
-from inercal.units import Measured, parse_quantity, si_factor
 
 READING_UNITS = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}

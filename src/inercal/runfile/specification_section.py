@@ -6,13 +6,13 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inercal.errors import InputError
-from inercal.keys import CoefficientName
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import parse_quantity
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.runfile.schema import SpecificationSection
-from inercal.section_settings import key_error
-from inercal.sensors import Sensor
-from inercal.sensors.coefficient_selection import select_coefficients
-from inercal.units import parse_quantity
 
 if TYPE_CHECKING:
     from inercal.calibration.next_use import NextUseScatter
@@ -53,7 +53,7 @@ def stated_specification(
         return None
     # Here, for it loads SciPy, which a run file without limits does without.
     from inercal.calibration.specification import Specification
-    from inercal.uncertainty.conformity import DecisionRule
+    from inercal.estimation.uncertainty.conformity import DecisionRule
 
     if not section.limits:
         raise key_error(_KEY, 'the section is empty; state a limit, such as bias = "± 20 mg"')

@@ -15,10 +15,10 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from inercal.basics.errors import InputError
 from inercal.benches.kinds import KINDS
-from inercal.data.data_section import DataSection
-from inercal.errors import InputError
-from inercal.io.readers import known_options
+from inercal.recordings.data.data_section import DataSection
+from inercal.recordings.io.readers import known_options
 
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML takes without quotes

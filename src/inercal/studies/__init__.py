@@ -10,9 +10,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, cast
 
-from inercal.errors import InputError, require_extra
-from inercal.io.atomic_files import make_folder, write_text
-from inercal.parallel import Executor, SerialExecutor
+from inercal.basics.atomic_files import make_folder, write_text
+from inercal.basics.errors import InputError, require_extra
+from inercal.basics.parallel import Executor, SerialExecutor
 from inercal.studies.claim import Claim, ClaimResult, judge_claim
 from inercal.studies.study_content import MessageCallback, Study, StudyModule
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 
 
 class Rms(NamedTuple):

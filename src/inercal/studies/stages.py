@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
-from inercal.parallel import Executor, in_order
+from inercal.basics.parallel import Executor, in_order
 from inercal.studies.study_content import MessageCallback
 
 Call = Callable[[], Any]

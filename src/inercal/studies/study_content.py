@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from inercal.arrays import Array
-from inercal.parallel import Executor
+from inercal.basics.arrays import Array
+from inercal.basics.parallel import Executor
 from inercal.studies.claim import ClaimResult
 
 MessageCallback = Callable[[str], object]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.host.packets.test_descriptions import GOOD
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.packets import PRESETS, Flag, parse_layout, read_layout
 from inercal.host.packets.checksums import CHECKS
 from inercal.host.packets.description import KEYS

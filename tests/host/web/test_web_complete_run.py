@@ -18,10 +18,10 @@ from inercal.calibration.files import load
 from inercal.host.journal import Journal
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import RunRequest
+from inercal.laboratory.store import Register
+from inercal.physics.sensors import G0
 from inercal.pipeline import calibrate
 from inercal.runfile import read
-from inercal.sensors import G0
-from inercal.store import Register
 
 NAME = "MIMU #17"
 NOTE = "the door was opened"

@@ -11,7 +11,7 @@ from tests.host.web.pages import SIMULATED, Served
 from tests.store.calibration_generator import ten
 
 from inercal.host.web.json_objects import parse_object
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 PATHS = [
     "/static/../app.py",

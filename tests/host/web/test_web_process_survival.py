@@ -17,7 +17,7 @@ from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Page, Served, op
 from inercal.host.journal import Journal
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import RunRequest, run_in_progress
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
 from inercal.host.web import run_controller

@@ -9,15 +9,15 @@ import pytest
 from tests.host.simulated_runs import HEAD, INERCAL, plan, quick
 from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.calibration.files import load
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR, POLL_INTERVAL
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import RunRequest
-from inercal.io.hdf5 import read_group
+from inercal.physics.plan import Position
 from inercal.pipeline import calibrate
-from inercal.plan import Position
+from inercal.recordings.io.hdf5 import read_group
 from inercal.runfile import read
 
 SEED = 3

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from tests.refusals import refused
 
+from inercal.basics.errors import InputError
 from inercal.cli.bench_commands import serve
-from inercal.errors import InputError
 from inercal.host.options import RunOptions
 from inercal.host.web import server
 

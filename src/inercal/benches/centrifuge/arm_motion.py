@@ -30,13 +30,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.contract import MeanMotion
-from inercal.earth import EARTH_RATE
-from inercal.frames import exp_so3, left_jacobian, skew
-from inercal.motion import Motion
-from inercal.plan import Attitude, Spin
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.frames import exp_so3, left_jacobian, skew
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Attitude, Spin
 
 if TYPE_CHECKING:
     from inercal.benches.centrifuge.bench import Centrifuge

@@ -9,11 +9,11 @@ from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.benches.centrifuge.simulation import head_angles_of_attitude
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
-from inercal.data import Source
-from inercal.data.recording_loader import readback_units
-from inercal.plan import Spin, describe_direction
-from inercal.section_settings import key_error
-from inercal.sensors import G0
+from inercal.physics.plan import Spin, describe_direction
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import G0
+from inercal.recordings.data import Source
+from inercal.recordings.data.recording_loader import readback_units
 
 
 def sheet(run: Source[CentrifugeData]) -> Sheet:

@@ -10,15 +10,15 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
+from inercal.basics.units import Measured
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.contract import MeanMotion
 from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
-from inercal.earth import EARTH_RATE
-from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
-from inercal.plan import Spin
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor
 
 Platform = Literal["locked", "counter-rotating"]
 

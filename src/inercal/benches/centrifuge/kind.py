@@ -5,6 +5,7 @@ from math import degrees
 
 import numpy as np
 
+from inercal.basics.units import Measured
 from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.arm_sheet import sheet
 from inercal.benches.centrifuge.bench import Centrifuge
@@ -22,9 +23,8 @@ from inercal.benches.report_data import (
     describe_spin,
     measured_direction,
 )
-from inercal.plan import Spin
-from inercal.sensors import G0
-from inercal.units import Measured
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0
 
 _NONE = Measured(0.0, 0.0)
 

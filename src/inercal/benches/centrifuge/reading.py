@@ -5,10 +5,16 @@ from math import pi
 
 import numpy as np
 
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import format_quantity
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData
-from inercal.data import EstimatorInput, Source
-from inercal.data.recording_loader import (
+from inercal.physics.plan import Spin, arm_attitude
+from inercal.physics.section_settings import key_error
+from inercal.recordings import Finding
+from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data.recording_loader import (
     load_recording,
     position_name,
     readback_columns,
@@ -17,15 +23,9 @@ from inercal.data.recording_loader import (
     require_not_refused,
     stated_deviations,
 )
-from inercal.errors import InputError
-from inercal.io.mean_tables import observations_from_table, read_columns
-from inercal.io.rest_norm import norm_finding
-from inercal.keys import CoefficientName
-from inercal.plan import Spin, arm_attitude
-from inercal.recording import Finding
-from inercal.section_settings import key_error
-from inercal.segments import average_dwells, find_dwells
-from inercal.units import format_quantity
+from inercal.recordings.io.mean_tables import observations_from_table, read_columns
+from inercal.recordings.io.rest_norm import norm_finding
+from inercal.recordings.segments import average_dwells, find_dwells
 
 _HARMONICS = 2  # of a reading quadratic in the sensed motion; a cubic reading has a third
 

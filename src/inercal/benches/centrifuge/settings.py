@@ -7,15 +7,15 @@ from pydantic import Field
 
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.key_declarations import add_bench_keys, build_bench
-from inercal.data.data_section import DataSection, ReadbackColumn, unit_size
-from inercal.earth import earth_rate_up_north
-from inercal.section_settings import (
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.section_settings import (
     BenchSection,
     BenchUsage,
     section_constant,
     section_deviation,
     section_length,
 )
+from inercal.recordings.data.data_section import DataSection, ReadbackColumn, unit_size
 
 
 @add_bench_keys(Centrifuge, after={"platform": "dwell_tilt"})

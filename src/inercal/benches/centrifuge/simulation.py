@@ -12,14 +12,14 @@ from math import atan2, cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.contract import SimulatedMotion, concatenate_motions
-from inercal.frames import exp_so3
-from inercal.motion import Motion
-from inercal.plan import Spin
+from inercal.physics.frames import exp_so3
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Spin
 
 SPIN_UP = 3.0  # rad/s²
 _SETTLING = 2.0  # s at the rate before a dwell is counted

@@ -30,7 +30,10 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
+from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, require_possible_values
 from inercal.benches.dividing_head.head_angles import angle_weights, sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
@@ -40,13 +43,10 @@ from inercal.benches.key_declarations import (
     deviation,
     small_angle,
 )
-from inercal.errors import InputError
-from inercal.motion import Motion
-from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
-from inercal.plan import Index
-from inercal.section_settings import Limit
-from inercal.sensors import Axis, Noise, Readout, Sensor
-from inercal.units import Measured
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Index
+from inercal.physics.section_settings import Limit
+from inercal.physics.sensors import Axis, Noise, Readout, Sensor
 
 CollimationMode = Literal["pairs", "every", "none"]
 _NOMINAL, _NOISELESS = Readout(), Noise()

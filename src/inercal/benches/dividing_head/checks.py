@@ -9,12 +9,12 @@ from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance
 from inercal.benches.dividing_head.passes import first_visit_rows, pass_numbers
 from inercal.benches.dividing_head.settings import DividingHeadData
-from inercal.data import Source
-from inercal.motion import Motion
-from inercal.plan import Index
-from inercal.recording import Finding, Observations
-from inercal.section_settings import key_error
-from inercal.sensors import G0, Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Index
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Finding, Observations
+from inercal.recordings.data import Source
 
 _PHASE = 10.0  # °, the largest error of a fixture
 _SWING = (0.5, 2.0)  # times g

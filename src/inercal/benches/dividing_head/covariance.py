@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.motion import Motion
-from inercal.plan import Index
-from inercal.sensors import Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Index
+from inercal.physics.sensors import Sensor
 
 
 def bench_covariance(

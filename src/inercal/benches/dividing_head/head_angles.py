@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.dividing_head.passes import (
     CARDINAL_ANGLES,
     drift_ramps,
@@ -16,8 +17,7 @@ from inercal.benches.dividing_head.passes import (
     pass_names,
     pass_numbers,
 )
-from inercal.errors import InputError
-from inercal.plan import Index
+from inercal.physics.plan import Index
 
 if TYPE_CHECKING:
     from inercal.benches.dividing_head.bench import DividingHead

@@ -6,9 +6,9 @@ from inercal.benches.dividing_head.settings import DividingHeadData, DividingHea
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.dividing_head.simulation import simulate_head_motion
 from inercal.benches.kind_definition import Kind, Output, Vocabulary, import_when_called
-from inercal.plan import Index
-from inercal.section_settings import key_error
-from inercal.sensors import Sensor
+from inercal.physics.plan import Index
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import Sensor
 
 
 def _sensor(
@@ -41,7 +41,7 @@ KIND = Kind(
     words=Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
     sensor=_sensor,
     sheet=sheet,
-    rests=import_when_called("inercal.data.rest_marks", "rests_without_plan"),
+    rests=import_when_called("inercal.recordings.data.rest_marks", "rests_without_plan"),
     directions=directions,
     plots=plots,
     row=describe_position,

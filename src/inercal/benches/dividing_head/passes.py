@@ -6,8 +6,8 @@ from math import pi
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.plan import Index
+from inercal.basics.arrays import Array
+from inercal.physics.plan import Index
 
 ANGLE_TOLERANCE = 1e-4  # rad; closer angles are readings of one position
 CARDINAL_ANGLES = (0.0, pi / 2, pi, 1.5 * pi)

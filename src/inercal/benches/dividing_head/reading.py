@@ -8,7 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_quantity
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
@@ -24,8 +26,11 @@ from inercal.benches.dividing_head.passes import (
     pass_names,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
-from inercal.data import EstimatorInput, Source
-from inercal.data.recording_loader import (
+from inercal.physics.plan import Index
+from inercal.physics.section_settings import key_error
+from inercal.recordings import Finding, Mark, Recording
+from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
     position_name,
@@ -35,16 +40,11 @@ from inercal.data.recording_loader import (
     require_distinct_columns,
     stated_deviations,
 )
-from inercal.data.rest_marks import check_rests, stated_marks
-from inercal.errors import InputError
-from inercal.io.column_table import Table
-from inercal.io.mean_tables import observations_from_table, read_columns
-from inercal.plan import Index
-from inercal.recording import Finding, Mark, Recording
-from inercal.section_settings import key_error
-from inercal.segments import check_marks, find_rests
-from inercal.segments import observe as averaged
-from inercal.units import format_quantity
+from inercal.recordings.data.rest_marks import check_rests, stated_marks
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.mean_tables import observations_from_table, read_columns
+from inercal.recordings.segments import check_marks, find_rests
+from inercal.recordings.segments import observe as averaged
 
 
 def observe(run: Source[DividingHeadData]) -> EstimatorInput:

@@ -4,12 +4,12 @@ from math import degrees, pi
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import pass_names, pass_numbers
 from inercal.benches.report_data import MeasuredDirection, Panel, Plot, ReportInput, Series
-from inercal.plan import Index, Step
-from inercal.sensors import G0
+from inercal.physics.plan import Index, Step
+from inercal.physics.sensors import G0
 
 _ARCSEC = pi / 648_000
 _APART = 3.0  # ° between passes in the figure

@@ -6,18 +6,18 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from inercal.basics.errors import InputError
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.key_declarations import add_bench_keys, build_bench
-from inercal.data.data_section import ReadbackColumn, RestsSection, unit_size
-from inercal.errors import InputError
-from inercal.io.read import read_table
-from inercal.section_settings import (
+from inercal.physics.section_settings import (
     BenchSection,
     BenchUsage,
     key_error,
     section_harmonics,
     si_value,
 )
+from inercal.recordings.data.data_section import ReadbackColumn, RestsSection, unit_size
+from inercal.recordings.io.read import read_table
 
 _FEWEST_FACES = 3  # of a polygon
 

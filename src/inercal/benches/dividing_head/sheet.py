@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, pi
 
+from inercal.basics.errors import InputError
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.passes import (
     CARDINAL_ANGLES,
@@ -24,11 +25,10 @@ from inercal.benches.dividing_head.passes import (
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import EntryField, Heading, Sheet, SheetRow
-from inercal.data import Source
-from inercal.data.recording_loader import readback_units
-from inercal.errors import InputError
-from inercal.plan import Index
-from inercal.sensors import Sensor
+from inercal.physics.plan import Index
+from inercal.physics.sensors import Sensor
+from inercal.recordings.data import Source
+from inercal.recordings.data.recording_loader import readback_units
 
 _DEGREE, _MINUTE = 360_000, 6_000  # in 0.01″
 

@@ -5,12 +5,12 @@ from math import pi
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.contract import SensorSimulation, SimulatedMotion
 from inercal.benches.dividing_head.bench import DividingHead, bias_drift, sensed_motion
-from inercal.motion import Motion
-from inercal.plan import Index
-from inercal.sensors import Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Index
+from inercal.physics.sensors import Sensor
 
 MOVE_SECONDS = 2.0
 

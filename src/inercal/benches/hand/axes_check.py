@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from math import degrees
 
-from inercal.data import RestsSection, Source
-from inercal.data.recording_loader import unsigned_column
-from inercal.errors import InputError
-from inercal.recording import Finding, Mark, Recording
-from inercal.segments.gravity_turns import (
+from inercal.basics.errors import InputError
+from inercal.recordings import Finding, Mark, Recording
+from inercal.recordings.data import RestsSection, Source
+from inercal.recordings.data.recording_loader import unsigned_column
+from inercal.recordings.segments.gravity_turns import (
     TurnVerdict,
     judge_turns,
     name_columns,

@@ -24,16 +24,16 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
+from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, stack_derivatives
 from inercal.benches.key_declarations import declared_parameters, deviation
-from inercal.earth import EARTH_RATE, earth_rate_up_north
-from inercal.motion import Motion
-from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
-from inercal.plan import HandStep, Hold, Turn
-from inercal.section_settings import Limit
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.earth import EARTH_RATE, earth_rate_up_north
+from inercal.physics.motion import Motion
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.section_settings import Limit
+from inercal.physics.sensors import Sensor
 
 DEGREE = pi / 180
 _TURN_ON = tuple(f"turn_on_{a}" for a in "xyz")

@@ -4,11 +4,11 @@ A turn by hand lasts as long as it lasts: the operator fills in its duration, wh
 needs. That of a hold changes nothing, and is stated.
 """
 
+from inercal.basics.errors import InputError
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
-from inercal.data import RestsSection, Source
-from inercal.errors import InputError
-from inercal.plan import HandStep, Hold, Turn
-from inercal.section_settings import key_error
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.section_settings import key_error
+from inercal.recordings.data import RestsSection, Source
 
 
 def sheet(run: Source[RestsSection]) -> Sheet:

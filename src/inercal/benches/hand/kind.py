@@ -19,10 +19,10 @@ from inercal.benches.kind_definition import (
     three_axis_sensor,
 )
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
-from inercal.data import RestsSection
-from inercal.plan import Hold, Turn
-from inercal.section_settings import BenchSection, BenchUsage, section_constant
-from inercal.sensors import Sensor, triad
+from inercal.physics.plan import Hold, Turn
+from inercal.physics.section_settings import BenchSection, BenchUsage, section_constant
+from inercal.physics.sensors import Sensor, triad
+from inercal.recordings.data import RestsSection
 
 _READING = "inercal.benches.hand.reading"
 

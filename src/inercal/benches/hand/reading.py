@@ -3,32 +3,35 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_quantity
 from inercal.benches.hand.axes_check import check_axes, positions_note
 from inercal.benches.hand.bench import Hand
-from inercal.benches.hand.whole_rest import observe_whole_rest
-from inercal.data import EstimatorInput, RestsSection, Source
-from inercal.data.recording_loader import (
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Mark, Observations, Recording, Track
+from inercal.recordings.data import EstimatorInput, RestsSection, Source
+from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
     reader_columns,
     require_not_refused,
     stated_deviations,
 )
-from inercal.data.rest_marks import (
+from inercal.recordings.data.rest_marks import (
     check_marked_rests,
     check_rests,
     rests_without_plan,
     stated_marks,
 )
-from inercal.errors import InputError
-from inercal.io.audit import require_accepted
-from inercal.io.file_patterns import is_pattern
-from inercal.io.mean_tables import read_means
-from inercal.io.rest_norm import audit_rest_norm, rest_mean_finding
-from inercal.plan import HandStep, Hold, Turn
-from inercal.recording import Finding, Mark, Observations, Recording
-from inercal.section_settings import key_error
-from inercal.segments import (
+from inercal.recordings.io.audit import require_accepted
+from inercal.recordings.io.file_patterns import is_pattern
+from inercal.recordings.io.mean_tables import read_means
+from inercal.recordings.io.rest_norm import audit_rest_norm, rest_mean_finding
+from inercal.recordings.segments import (
     RestDetection,
     bias_jump_test,
     changes_within_rests,
@@ -43,12 +46,63 @@ from inercal.segments import (
     transitions_between_rests,
     valid_marks,
 )
-from inercal.segments import (
+from inercal.recordings.segments import (
     observe as averaged,
 )
-from inercal.segments.motion_thresholds import WINDOW
-from inercal.sensors import Sensor
-from inercal.units import format_quantity
+from inercal.recordings.segments.motion_thresholds import WINDOW
+
+
+def observe_whole_rest(run: Source[RestsSection]) -> EstimatorInput:
+    """Return one row of the whole recording, with its track.
+
+    Raises
+    ------
+    InputError
+        A table of means, a recording without temperature, or one that the audit refuses.
+    """
+    if run.data.kind == "means":
+        raise key_error(
+            "[data] kind",
+            f"method {run.method.name} follows samples; give the recording",
+            run.path,
+        )
+    if run.data.marks != "found":
+        raise key_error(
+            "[data] marks",
+            f"method {run.method.name} takes the whole recording as one rest; remove marks",
+            run.path,
+        )
+    recording, sensor = load_recording(run), run.sensor
+    if recording.temperature is None:
+        raise key_error(
+            "[data] temperature",
+            f"is missing: method {run.method.name} needs the sensor's temperature; name its column",
+            run.path,
+        )
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    reading = sensor.to_si(recording.data[:, columns])
+    n = len(reading)
+    track = Track(
+        recording.time,
+        reading,
+        np.zeros((n, 0)),
+        np.zeros(n, dtype=np.int64),
+        recording.temperature,
+    )
+    step = run.steps[0]
+    observations = Observations(
+        labels=(step.label,),
+        mean=reading.mean(axis=0)[None],
+        covariance=np.diag(reading.var(axis=0) / n)[None],
+        duration=np.array([recording.duration]),
+        samples=np.array([n]),
+        time=np.array([recording.time.mean()]),
+        channels=sensor.channels,
+        temperature=np.array([recording.temperature.mean()]),
+        track=track,
+    )
+    marks = (Mark(step.label, 0, n),)
+    return EstimatorInput(recording, marks, observations, (step,), (step,), recording.findings)
 
 
 def observe(run: Source[RestsSection]) -> EstimatorInput:

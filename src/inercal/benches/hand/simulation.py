@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.contract import SimulatedMotion, concatenate_motions
 from inercal.benches.hand.bench import (
     Hand,
@@ -17,8 +17,8 @@ from inercal.benches.hand.bench import (
     tangent_vectors,
     tilted_direction,
 )
-from inercal.motion import Motion
-from inercal.plan import HandStep, Hold, Turn
+from inercal.physics.motion import Motion
+from inercal.physics.plan import HandStep, Hold, Turn
 
 MOVE_SECONDS = 2.0
 PAUSE_SECONDS = 1.5  # at rest before and after a turn, unlabelled

@@ -33,22 +33,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.benches.contract import MeanMotion, require_possible_values
-from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
-from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
-from inercal.earth import earth_rate_up_north
-from inercal.errors import InputError
-from inercal.keys import ErrorName
-from inercal.parameters import (
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import ErrorName
+from inercal.basics.parameters import (
     NOT_QUALIFIED,
     Parameter,
     QualifiedParameters,
     Scope,
     local_gravity,
 )
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.basics.units import Measured
+from inercal.benches.contract import MeanMotion, require_possible_values
+from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.sensors import Sensor
 
 _EXACT = 1e-15  # rad/s: the level earth's rate at a pole
 _WHOLE = 1e-9  # of sinc: whole turns

@@ -13,8 +13,8 @@ from inercal.benches.rate_platform.report import directions, plots
 from inercal.benches.rate_platform.sections import Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData, RatePlatformSection, build
 from inercal.benches.rate_platform.simulation import simulate_sections
-from inercal.section_settings import key_error
-from inercal.sensors import Sensor, triad
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import Sensor, triad
 
 
 def _sensor(

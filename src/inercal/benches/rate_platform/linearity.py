@@ -17,11 +17,11 @@ from math import degrees, hypot
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
-from inercal.recording import Observations
-from inercal.sensors import Axis, Sensor
+from inercal.physics.sensors import Axis, Sensor
+from inercal.recordings import Observations
 
 _FEWEST = 3  # rates of a line with a residual
 _REST = 1e-3  # of full scale

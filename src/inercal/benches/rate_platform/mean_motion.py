@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.contract import MeanMotion, stack_derivatives
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
-from inercal.earth import EARTH_RATE
-from inercal.frames import exp_so3, left_jacobian, skew
-from inercal.motion import Motion
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.frames import exp_so3, left_jacobian, skew
+from inercal.physics.motion import Motion
 
 if TYPE_CHECKING:
     from inercal.benches.rate_platform.bench import RatePlatform

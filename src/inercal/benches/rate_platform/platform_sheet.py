@@ -5,9 +5,9 @@ from math import degrees
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
-from inercal.data import Source
-from inercal.plan import describe_direction
-from inercal.section_settings import key_error
+from inercal.physics.plan import describe_direction
+from inercal.physics.section_settings import key_error
+from inercal.recordings.data import Source
 
 
 def sheet(run: Source[RatePlatformData]) -> Sheet:

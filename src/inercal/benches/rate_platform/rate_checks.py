@@ -5,15 +5,15 @@ from math import sqrt
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
-from inercal.data import Source
-from inercal.errors import InputError
-from inercal.recording import Mark, Observations, Recording
-from inercal.section_settings import key_error
-from inercal.units import si_factor
+from inercal.physics.section_settings import key_error
+from inercal.recordings import Mark, Observations, Recording
+from inercal.recordings.data import Source
 
 _LEAST_RATE = 1e-3  # rad/s: slower rates may be less than a bias
 _CLEAR = 0.5  # of the stated rate: a reading on another axis, or of the other sign

@@ -21,9 +21,9 @@ from inercal.benches.rate_platform.linearity import dwell_deviation, is_rate_of_
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.benches.report_data import Columns, ReportInput
-from inercal.data import Source
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
+from inercal.recordings.data import Source
 
 _DEG_PER_H = 3600.0  # °/h of a °/s
 

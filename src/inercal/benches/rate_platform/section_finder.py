@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell, whole_turns
-from inercal.earth import EARTH_RATE
-from inercal.errors import InputError
-from inercal.plan import describe_direction
-from inercal.recording import Mark, Recording
-from inercal.sensors import Sensor
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.plan import describe_direction
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Mark, Recording
 
 _BLOCK = 0.5  # s
 _SIGMAS = 6.0

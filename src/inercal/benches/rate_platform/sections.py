@@ -15,9 +15,9 @@ from math import cos, degrees, pi, radians, sin
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.plan import AXES, Vector, describe_direction
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.plan import AXES, Vector, describe_direction
 
 _NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e-?\d+)?"
 _COUNT = r"(?:\s*\(\d+\))?"

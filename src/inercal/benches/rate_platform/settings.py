@@ -6,8 +6,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
-from inercal.data.data_section import DataSection, unit_size
-from inercal.section_settings import (
+from inercal.physics.section_settings import (
     SMALL_ANGLE,
     BenchSection,
     key_error,
@@ -16,6 +15,7 @@ from inercal.section_settings import (
     section_gravity,
     si_value,
 )
+from inercal.recordings.data.data_section import DataSection, unit_size
 
 
 class RatePlatformSection(BenchSection):

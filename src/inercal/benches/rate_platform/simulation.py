@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.contract import SensorSimulation, SimulatedMotion, concatenate_motions
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.mean_motion import perpendicular_axes, sensed_motion
 from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
-from inercal.motion import Motion
-from inercal.sensors import Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
 
 _LEAST = 2  # samples of a section
 _HANDLING = 3.0  # s

@@ -30,7 +30,9 @@ from math import pi, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
+from inercal.basics.units import Measured
 from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.contract import MeanMotion, require_possible_values
 from inercal.benches.key_declarations import (
@@ -40,12 +42,10 @@ from inercal.benches.key_declarations import (
     small_angle,
 )
 from inercal.benches.motion_control import AxisMotionLimits
-from inercal.frames import exp_so3, left_jacobian, skew
-from inercal.motion import Motion
-from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
-from inercal.plan import Spin
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.frames import exp_so3, left_jacobian, skew
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor
 
 _AXES = "xyz"
 _ALIKE = 5e-3  # relative difference of rates of one set speed

@@ -6,19 +6,19 @@ from itertools import permutations, product
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.settings import RateTableData
-from inercal.data import Source
-from inercal.data.recording_loader import readback_units
-from inercal.errors import InputError
-from inercal.plan import Spin
-from inercal.recording import Observations, Recording
-from inercal.section_settings import key_error
-from inercal.segments.dwells import ARM_RATE
-from inercal.sensors import G0
-from inercal.sensors.affine import AffineModel
-from inercal.units import si_factor
+from inercal.physics.plan import Spin
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import G0
+from inercal.physics.sensors.affine import AffineModel
+from inercal.recordings import Observations, Recording
+from inercal.recordings.data import Source
+from inercal.recordings.data.recording_loader import readback_units
+from inercal.recordings.segments.dwells import ARM_RATE
 
 _OFF = 0.2  # of a norm, after correction by a rough model of the triad
 _USABLE = (0.5, 2.0)  # times nominal: scale factors of a triad that a run file states correctly

@@ -16,15 +16,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
 from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.motion_control import MotionControl, SensedMotion, SpinTask
 from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
 from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
 from inercal.benches.rate_table.simulation import rotate_horizontal
-from inercal.frames import exp_so3
-from inercal.parameters import Parameter
-from inercal.plan import Hold, Spin
+from inercal.physics.frames import exp_so3
+from inercal.physics.plan import Hold, Spin
 
 _SETTLING_SECONDS = 0.25
 

@@ -28,9 +28,9 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.plan import AXES, Attitude, Spin
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.plan import AXES, Attitude, Spin
 
 Plane = Literal["XY", "YX", "ZY"]
 TiltConvention = Literal["azimuth", "dihedral", "successive"]

@@ -13,7 +13,7 @@ from inercal.benches.rate_table.settings import RateTableData, RateTableSection,
 from inercal.benches.rate_table.sheet import sheet
 from inercal.benches.rate_table.simulation import simulate_table_motion, table_plan_duration
 from inercal.benches.report_data import describe_spin
-from inercal.plan import Spin
+from inercal.physics.plan import Spin
 
 _UNJUDGED = (
     "the nominal motion, or norm of a tilted state, minus that by the model from one reading"

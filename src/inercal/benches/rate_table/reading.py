@@ -9,12 +9,17 @@ from typing import cast
 
 import numpy as np
 
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_quantity
 from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
 from inercal.benches.rate_table.checks import require_axes, require_rates, require_unit
 from inercal.benches.rate_table.fixture import PLANES, Plane, mounting_attitude
 from inercal.benches.rate_table.settings import RateTableData
-from inercal.data import EstimatorInput, Source
-from inercal.data.recording_loader import (
+from inercal.physics.plan import Attitude, Spin
+from inercal.physics.section_settings import key_error
+from inercal.recordings import Finding, Recording, join_observations
+from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
     position_name,
@@ -23,21 +28,16 @@ from inercal.data.recording_loader import (
     reader_columns,
     stated_deviations,
 )
-from inercal.errors import InputError
-from inercal.io.column_table import Table
-from inercal.io.mean_tables import number_column, observations_from_table, read_columns
-from inercal.plan import Attitude, Spin
-from inercal.recording import Finding, Recording, join_observations
-from inercal.section_settings import key_error
-from inercal.segments import (
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.mean_tables import number_column, observations_from_table, read_columns
+from inercal.recordings.segments import (
     average_dwells,
     find_dwells,
     find_stationary_states,
     omitted_state_findings,
 )
-from inercal.segments import observe as averaged
-from inercal.segments.dwells import ARM_RATE
-from inercal.units import format_quantity
+from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments.dwells import ARM_RATE
 
 _ANGLE = r"(-?\d+(?:\.\d+)?)\s*°?"
 _NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)?")

@@ -11,15 +11,19 @@ from math import pi
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.rate_table.bench import sensed_motion
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.benches.report_data import Columns, Panel, Plot, ReportInput, Series
-from inercal.data import Source
-from inercal.data.recording_loader import readback_columns, readback_units, unsigned_column
-from inercal.io.mean_tables import SD_SUFFIX
-from inercal.plan import Spin
-from inercal.sensors import G0
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0
+from inercal.recordings.data import Source
+from inercal.recordings.data.recording_loader import (
+    readback_columns,
+    readback_units,
+    unsigned_column,
+)
+from inercal.recordings.io.mean_tables import SD_SUFFIX
 
 _MG = 1e-3 * G0
 

@@ -9,10 +9,10 @@ from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.benches.rate_table.bench import mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
 from inercal.benches.rate_table.settings import RateTableData
-from inercal.data import Source
-from inercal.data.recording_loader import readback_units
-from inercal.plan import Hold, Spin
-from inercal.sensors import G0
+from inercal.physics.plan import Hold, Spin
+from inercal.physics.sensors import G0
+from inercal.recordings.data import Source
+from inercal.recordings.data.recording_loader import readback_units
 
 
 def sheet(run: Source[RateTableData]) -> Sheet:

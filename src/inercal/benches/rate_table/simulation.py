@@ -18,14 +18,14 @@ from math import pi
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.contract import SimulatedMotion, concatenate_motions
 from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
 from inercal.benches.rate_table.fixture import group_by_mounting
-from inercal.frames import exp_so3
-from inercal.motion import Motion
-from inercal.plan import Spin
+from inercal.physics.frames import exp_so3
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Spin
 
 SPIN_UP = 2.0  # rad/s², at most
 _SETTLING = 2.0  # s at a speed, or at rest, in addition to the dwell of the plan

@@ -4,8 +4,8 @@ from typing import Any, TypeGuard
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.settings import TurntableData
-from inercal.data import Source
-from inercal.section_settings import key_error
+from inercal.physics.section_settings import key_error
+from inercal.recordings.data import Source
 
 
 def require_turntable(run: Source[Any]) -> Turntable:

@@ -26,12 +26,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.bench import Turntable
-from inercal.earth import earth_rate_up_north
-from inercal.errors import InputError
-from inercal.motion import Motion
-from inercal.parameters import Parameter
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.motion import Motion
 
 _BLOCK = 1 << 15  # samples
 

@@ -19,7 +19,7 @@ from math import sqrt
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.motion_control import AxisMotionLimits
 
 

@@ -21,15 +21,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, radians
 
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
+from inercal.basics.units import Measured
 from inercal.benches.contract import require_possible_values
 from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
-from inercal.earth import earth_rate_up_north
-from inercal.errors import InputError
-from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
-from inercal.plan import TableStep
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
 
 _NAMES = {1: ("outer",), 2: ("outer", "inner"), 3: ("outer", "middle", "inner")}
 _EXACT = Measured(0.0, 0.0)

@@ -9,15 +9,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
 from inercal.benches.motion_control import Angles, MotionControl, SensedMotion, TurnTask
 from inercal.benches.turntable.attitude import true_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import settling_time
 from inercal.benches.turntable.simulation import path_profile
-from inercal.earth import earth_rate_up_north
-from inercal.parameters import Parameter
-from inercal.plan import Rotation, Step, TableStep, table_steps
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.plan import Rotation, Step, TableStep, table_steps
 
 
 def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[TurnTask, ...]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.contract import SensorSimulation
 from inercal.benches.kind_definition import Kind, Vocabulary, import_when_called
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
@@ -20,8 +20,8 @@ from inercal.benches.turntable.simulation import (
     simulate_turntable_motion,
     turntable_path_duration,
 )
-from inercal.plan import Position, Rotation, TableStep
-from inercal.sensors import Noise, Sensor
+from inercal.physics.plan import Position, Rotation, TableStep
+from inercal.physics.sensors import Noise, Sensor
 
 
 def _simulate(

@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import is_file
+from inercal.basics.units import si_factor
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import PATHS
-from inercal.errors import InputError
-from inercal.io.column_table import Table
-from inercal.io.read import read_table
-from inercal.plan import Position, Rotation, Step, TableStep
-from inercal.section_settings import key_error
-from inercal.small_files import is_file
-from inercal.units import si_factor
+from inercal.physics.plan import Position, Rotation, Step, TableStep
+from inercal.physics.section_settings import key_error
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.read import read_table
 
 _WORDS = ("label", "kind", "axis")
 _LIKE = {"seconds": "s", "angle": "°", "rate": "°/s"}

@@ -15,8 +15,8 @@ system.
 from collections.abc import Callable, Mapping, Sequence
 from math import radians
 
-from inercal.errors import InputError
-from inercal.plan import Position, Rotation, TableStep
+from inercal.basics.errors import InputError
+from inercal.physics.plan import Position, Rotation, TableStep
 
 _HOME = (0.0, 0.0, 0.0)
 # Degrees: outer, middle, inner.

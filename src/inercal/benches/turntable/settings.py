@@ -5,13 +5,12 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from inercal.basics.errors import InputError
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.still_table import StillTable
-from inercal.data.data_section import DataSection, ReadbackColumn, unit_size
-from inercal.errors import InputError
-from inercal.section_settings import (
+from inercal.physics.section_settings import (
     PLANNING,
     BenchSection,
     BenchUsage,
@@ -21,6 +20,7 @@ from inercal.section_settings import (
     section_harmonics,
     si_value,
 )
+from inercal.recordings.data.data_section import DataSection, ReadbackColumn, unit_size
 
 _WIDEST_AZIMUTH = 0.0873  # rad
 _LONGEST_LEVER = 1.0  # m

@@ -12,22 +12,22 @@ from math import ceil, degrees, floor, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.turntable.attitude import ideal_readback, motion
 from inercal.benches.turntable.axis_profiles import AxisProfile, join_profiles, move_profile
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import settling_time
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
-from inercal.data import Source
-from inercal.data.recording_loader import readback_columns, readback_units
-from inercal.errors import InputError
-from inercal.io.column_table import row_blocks
-from inercal.motion import Motion
-from inercal.plan import Position, Rotation, TableStep, table_steps
-from inercal.recording import Recording
-from inercal.section_settings import key_error
-from inercal.units import si_factor
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Position, Rotation, TableStep, table_steps
+from inercal.physics.section_settings import key_error
+from inercal.recordings import Recording
+from inercal.recordings.data import Source
+from inercal.recordings.data.recording_loader import readback_columns, readback_units
+from inercal.recordings.io.column_table import row_blocks
 
 _THERE = 1e-12  # rad: an axis this near its goal does not move
 _ROUNDED = 1e-6  # of a sample, of a rate

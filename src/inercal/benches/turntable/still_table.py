@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from inercal.basics.parameters import Parameter, local_gravity
+from inercal.basics.units import Measured
 from inercal.benches.turntable.bench import Turntable
-from inercal.parameters import Parameter, local_gravity
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.physics.sensors import Sensor
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from inercal.basics.errors import InputError
+from inercal.basics.registry import Registry
+from inercal.basics.small_files import read_small_file
 from inercal.calibration import Calibration
-from inercal.errors import InputError
 from inercal.export.options import resolve_options
 from inercal.export.readers.coefficients import build_calibration
 from inercal.export.readers.reader_definition import CalibrationReader
-from inercal.registry import Registry
-from inercal.small_files import read_small_file
 
 READERS: Registry[CalibrationReader] = Registry(
     "inercal.calibration_readers",

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.readers.reader_definition import (
     CalibrationReader,
     StatedCalibration,
@@ -20,7 +21,6 @@ from inercal.export.readers.reader_definition import (
 )
 from inercal.export.target_definition import TargetOption
 from inercal.export.targets.ardupilot import CENTRE, ORDERS, UNIT, parameter_names, shifted
-from inercal.units import ZERO_CELSIUS
 
 
 def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:

@@ -10,13 +10,13 @@ from typing import Literal
 
 import numpy as np
 
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
-from inercal.errors import InputError
 from inercal.export.readers.reader_definition import StatedCalibration, StatedTriad
 from inercal.export.term_kinds import temperature_order, term_kind
-from inercal.keys import CoefficientName
-from inercal.sensors import TABLES, Axis, Readout, Sensor, imu
-from inercal.units import si_factor
+from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, imu
 
 _WORDS = {"f": "accelerometers", "w": "gyros"}
 _LARGEST_SCALE_ERROR = 0.5

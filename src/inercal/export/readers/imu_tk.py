@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.export.readers.reader_definition import (
     CalibrationReader,
     StatedCalibration,

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.export.readers.reader_definition import (
     CalibrationReader,
     StatedCalibration,
     StatedTriad,
 )
-from inercal.units import si_factor
 
 _UNITS = {"deg/s": "°/s", "dps": "°/s"}
 _MATRICES = ("K_a", "R_a", "b_a", "K_g", "R_g", "K_ga", "b_g")

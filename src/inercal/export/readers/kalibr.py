@@ -9,8 +9,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError, require_extra
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, require_extra
 from inercal.export.readers.reader_definition import (
     CalibrationReader,
     StatedCalibration,

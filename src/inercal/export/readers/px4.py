@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.readers.reader_definition import (
     CalibrationReader,
     StatedCalibration,
@@ -16,7 +17,6 @@ from inercal.export.readers.reader_definition import (
     parameter_calibration,
 )
 from inercal.export.target_definition import TargetOption
-from inercal.units import ZERO_CELSIUS
 
 _FIELDS = 5
 _SETS = 4

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.calibration import Frame
-from inercal.errors import InputError
 from inercal.export.target_definition import TargetOption
-from inercal.sensors.sensor import Sensor
+from inercal.physics.sensors.sensor import Sensor
 
 REFERENCE = Sensor("", ()).reference_temperature
 

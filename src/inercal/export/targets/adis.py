@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import Correction, by_triad, comments, needed, require_aligned
 from inercal.export.term_kinds import TermKind

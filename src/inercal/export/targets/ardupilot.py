@@ -14,8 +14,9 @@ from math import comb
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.ranges import temperature_limits
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import (
@@ -27,7 +28,6 @@ from inercal.export.targets.shared import (
     require_aligned,
     single,
 )
-from inercal.units import ZERO_CELSIUS
 
 CENTRE = 35.0  # °C
 UNIT = 1e-6

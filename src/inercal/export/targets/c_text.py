@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
 from inercal.export.target_definition import Request
 

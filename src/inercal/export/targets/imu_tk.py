@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import MATRIX, by_triad, number, output_text, written
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.export.polynomial import Dialect, code_model, statements
 from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_small_file
 from inercal.export.target_definition import TargetOption
 from inercal.export.targets.shared import yaml_number
-from inercal.small_files import read_small_file
 
 _KEYS = {
     "accelerometer_noise_density": "m/s^2/sqrt(Hz)",

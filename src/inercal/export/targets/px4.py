@@ -12,8 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.model import Triad
 from inercal.export.ranges import temperature_limits
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
@@ -27,7 +28,6 @@ from inercal.export.targets.shared import (
     require_aligned,
     single,
 )
-from inercal.units import ZERO_CELSIUS
 
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
 _NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G")}

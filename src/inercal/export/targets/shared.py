@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.export.model import ExportModel, Triad
 from inercal.export.target_definition import TargetOption
 from inercal.export.term_kinds import TermKind

@@ -4,6 +4,7 @@ import csv
 from collections.abc import Sequence
 from io import StringIO
 
+from inercal.basics.visible_text import spreadsheet_cell
 from inercal.export.model import UNITS
 from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.shared import (
@@ -14,8 +15,7 @@ from inercal.export.targets.shared import (
     output_text,
     written,
 )
-from inercal.sensors import SI_UNITS
-from inercal.visible_text import spreadsheet_cell
+from inercal.physics.sensors import SI_UNITS
 
 _DIGITS = 15
 

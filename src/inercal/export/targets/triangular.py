@@ -6,10 +6,10 @@ has a frame of its own, G Qᵀ = L_g C_g, and y_g = L_g C_g ω + A Qᵀ f + b_g.
 
 from dataclasses import dataclass
 
-from inercal import frames
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.export.model import ExportModel
 from inercal.export.targets.shared import require_aligned, row_text, written, yaml_row
+from inercal.physics import frames
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable import require_turntable
-from inercal.data.recording_loader import readback_units
-from inercal.errors import InputError
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
 from inercal.host.assembly.interruption_list import InterruptionList, InterruptionSpan
 from inercal.host.assembly.rate_polls import RatePolls
@@ -33,7 +32,8 @@ from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.tasks import host_plan
-from inercal.recording import AngleQuality, Track
+from inercal.recordings import AngleQuality, Track
+from inercal.recordings.data.recording_loader import readback_units
 from inercal.runfile import Run
 
 _MAX_HOLD_GAP = 0.5  # s without a sample that end a hold

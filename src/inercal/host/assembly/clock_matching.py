@@ -2,7 +2,7 @@
 
 from math import isfinite
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 
 CLOCK_LOST = frozenset({"the table"})  # names of the refusal: a new run is needed
 MATCHING_TIME = 5.0  # s in which the least difference of two clocks is looked for

@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.host.assembly.clock_matching import MATCHING_TIME
 from inercal.host.assembly.packet_dating import PacketDating, PacketRows
 from inercal.host.packets import Decoder, Flag, PacketCounts, PacketLayout, Packets
 from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import LogFrame
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
 
 _MISMATCH_TIME = 2.0  # s for which packets may wait for their date before that is said
 _ROUNDING = 1e-6

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 
 _MAX_OUTAGE = 1.0  # s between two arrivals beyond which more may have been lost than is seen
 _TURN_SHARE = 0.25  # of a turn of the counter, beyond which a step may be any number of turns

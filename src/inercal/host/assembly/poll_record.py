@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.host.assembly.clock_matching import MATCHING_TIME, wrap_correction
 from inercal.host.assembly.plausibility import Plausibility
 from inercal.host.run_log import LogFrame
 from inercal.host.table_state_codec import StateArrays, unpack_states
-from inercal.recording import AngleQuality
+from inercal.recordings import AngleQuality
 
 # s without a poll after which nothing is known: the table may have gone anywhere. A table is taken
 # to stand through as much that stood on both sides.

@@ -14,14 +14,14 @@ from math import isfinite, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.motion_control import AxisMotionLimits, ControlledBench
-from inercal.errors import InputError
 from inercal.host.assembly.plausibility import Plausibility
 from inercal.host.assembly.poll_record import MAX_UNREAD, PollRecord
 from inercal.host.drivers.rotary_table import TableState
 from inercal.host.table_state_codec import StateArrays
-from inercal.recording import AngleQuality
+from inercal.recordings import AngleQuality
 
 MAX_IMPLAUSIBLE_RATES = 10  # in a row, beyond which the table cannot be followed
 _RATE_MARGIN, _ACCELERATION_MARGIN = 1.2, 2.0  # times the limits

@@ -14,9 +14,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
-from inercal.errors import InputError
 
 Indices = NDArray[np.int64]
 _COARSE_MARGIN = 1 + 1e-3

@@ -18,9 +18,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable import Turntable
-from inercal.errors import InputError
 from inercal.host.assembly.poll_record import MAX_UNREAD, PollRecord
 from inercal.host.assembly.reading_plausibility import (
     NOISE_FACTOR,
@@ -29,7 +29,7 @@ from inercal.host.assembly.reading_plausibility import (
 )
 from inercal.host.table_state_codec import StateArrays
 from inercal.methods.turntable.model import EPOCH_PERIOD
-from inercal.recording import AngleQuality
+from inercal.recordings import AngleQuality
 
 POLL_INTERVAL = 0.02  # s between polls while the table turns, on benches of iron and simulated ones
 HOLD_POLL_FACTOR = 4  # so many times seldomer a table is polled that holds its place

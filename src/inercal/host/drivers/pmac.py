@@ -25,7 +25,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, tau
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_codec import CommandRefused

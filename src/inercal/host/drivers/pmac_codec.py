@@ -14,7 +14,7 @@ from functools import lru_cache
 from struct import pack
 from typing import NamedTuple
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.drivers.rotary_table import ProtocolError, TableFault
 
 CHUNK_SIZE = 1400  # bytes that the controller sends at a time

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import degrees, inf, isfinite, radians
 from typing import Literal, Protocol, Self
 
-from inercal.errors import InercalError, InputError
+from inercal.basics.errors import InercalError, InputError
 from inercal.host.link import LinkLost
 
 Feature = Literal["servo", "home"]  # what a controller may be unable to do on one axis

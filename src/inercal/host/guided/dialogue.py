@@ -8,7 +8,7 @@ ends the measurement: the following lines would be taken for another position.
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from inercal.errors import InercalError, InputError
+from inercal.basics.errors import InercalError, InputError
 from inercal.host.guided.instruments import Instrument, read_instruments
 from inercal.host.guided.measurement_table import MeasuredRow, MeasurementTable, Reading
 from inercal.host.guided.reading_check import ReadingCheck, scatter

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from time import monotonic
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.link import Link, LinkLost, open_link
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from math import fsum
 from pathlib import Path
 
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_small_file
 from inercal.benches.operator_sheet import Sheet, SheetRow
-from inercal.design.worksheet import rows_as_csv, run_sheet, table_rows
-from inercal.errors import InputError
-from inercal.io.atomic_files import write_text
+from inercal.pipeline.design.worksheet import rows_as_csv, run_sheet, table_rows
 from inercal.runfile import Run
-from inercal.small_files import read_small_file
 
 Reading = Mapping[str, float]  # by column of the table
 _STEP, _NUMBER = "step", "reading"  # columns of the single readings

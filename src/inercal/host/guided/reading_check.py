@@ -11,11 +11,11 @@ from math import inf, radians
 
 import numpy as np
 
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import MeanBench
-from inercal.data.recording_loader import reader_columns, stated_deviations
-from inercal.errors import InputError, NotObserved
+from inercal.physics.sensors import Axis
+from inercal.recordings.data.recording_loader import reader_columns, stated_deviations
 from inercal.runfile import Run
-from inercal.sensors import Axis
 
 _GYRO_BIAS = radians(6.0)  # rad/s, of a consumer's gyro
 

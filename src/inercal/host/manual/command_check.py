@@ -7,8 +7,8 @@ toward a soft limit is a move that ends `LIMIT_MARGIN` before it: the controller
 from collections.abc import Mapping, Sequence
 from math import degrees, isfinite, nan, radians
 
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
-from inercal.errors import InputError
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
     AxisLimits,

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from math import degrees, isfinite, radians
 from typing import Any, NamedTuple
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 
 _MAX_NAME = 40  # characters of an axis' name
 _MAX_NUMBER = 1e6  # ° and °/s

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from math import inf, isfinite
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.host.addresses import layout_of_address, open_imu
 from inercal.host.assembly import SampleAssembler, SampleTally
 from inercal.host.clock import Tick

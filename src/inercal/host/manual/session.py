@@ -20,8 +20,8 @@ from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Literal, Self
 
+from inercal.basics.errors import InercalError, InputError
 from inercal.benches.turntable import require_turntable
-from inercal.errors import InercalError, InputError
 from inercal.host.addresses import DeviceAddresses, open_table
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import POLL_INTERVAL

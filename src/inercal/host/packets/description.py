@@ -8,12 +8,12 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import parse_toml, read_small_file
+from inercal.basics.units import parse_quantity, si_factor
 from inercal.host.packets.layout import PacketLayout, Scale
 from inercal.host.packets.packet_format import AXES, BinaryFrame, TextLine, read_frame, read_line
-from inercal.io.column_table import shorten
-from inercal.small_files import parse_toml, read_small_file
-from inercal.units import parse_quantity, si_factor
+from inercal.recordings.io.column_table import shorten
 
 _PRESETS = files("inercal.host.packets") / "presets"
 PRESETS = tuple(

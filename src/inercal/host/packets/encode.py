@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.packets.layout import PacketLayout
 from inercal.host.packets.packet_format import AXES, BinaryFrame, Field, TextLine
 

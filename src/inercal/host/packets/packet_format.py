@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.packets.checksums import CHECKS, ByteSum, Crc
 
 AXES = ("ax", "ay", "az", "gx", "gy", "gz")

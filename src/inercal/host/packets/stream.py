@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.host.packets import binary_decoder, text_decoder
 from inercal.host.packets.binary_decoder import DecodedPackets
 from inercal.host.packets.counter_unwrapper import CounterUnwrapper, Flag, flag_array

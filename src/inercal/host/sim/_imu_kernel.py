@@ -6,7 +6,7 @@ cubic of their angles and rates, and rate and acceleration are its derivatives. 
 the rate is the angle, to the last bit that matters.
 
 Attitude, f, ω and its derivative are those of `inercal.benches.turntable.attitude`, the sensor's
-terms those of `inercal.sensors.axis_model` in the reference form: each a product of at most
+terms those of `inercal.physics.sensors.axis_model` in the reference form: each a product of at most
 `MAX_FACTORS` components of what its axis sees.
 """
 # Numba's decorator has no types.
@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.sensors.basis_functions import COMPONENTS
+from inercal.basics.arrays import Array
+from inercal.physics.sensors.basis_functions import COMPONENTS
 
 Integers = NDArray[np.int64]
 

@@ -28,7 +28,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 
 HOLD, GO, RUN, SEARCH = 0, 1, 2, 3
 MAX_SMOOTH = 1024

@@ -18,8 +18,8 @@ from time import monotonic
 
 import numpy as np
 
+from inercal.basics.errors import InputError
 from inercal.benches.motion_control import SpinTask
-from inercal.errors import InputError
 from inercal.host.sim import motion_link
 from inercal.host.sim.faults import parse_number
 from inercal.host.sim.motion_link import MotionBlock

@@ -1,6 +1,6 @@
 """What the simulated controllers have in common: a table, whose time they let pass."""
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.sim.dynamics import FAULTS, AxesMotion, SimulatedTable
 
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.host.sim import _table_kernel as kernel
 
 FAULTS = ("amplifier", "frozen", "jammed")

@@ -17,7 +17,7 @@ from math import nan
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 
 FAULT_SYNTAX = "fragment N, delay SECONDS, corrupt N, drop N, die"
 

@@ -6,16 +6,16 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.host.packets.packet_format import AXES
 from inercal.host.sim import _imu_kernel as kernel
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.simulated_errors import SimulatedErrors, noise_generator
-from inercal.keys import CoefficientName
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.basis_functions import COMPONENTS
 from inercal.runfile import Run
-from inercal.sensors import Sensor
-from inercal.sensors.basis_functions import COMPONENTS
 
 _TIME_TOLERANCE = 1e-9  # s: times that were computed otherwise
 

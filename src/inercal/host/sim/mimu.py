@@ -27,8 +27,8 @@ from threading import Lock, Thread
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.packets import PacketLayout, read_layout
 from inercal.host.sim import motion_link

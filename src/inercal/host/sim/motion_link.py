@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 
 SOCKET_NAME = "motion"  # of the socket, in the bench's folder
 _RETRY_INTERVAL = 0.05  # s

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES, ROLES, BinaryFrame
 

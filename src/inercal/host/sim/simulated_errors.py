@@ -18,13 +18,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.random import Generator
 
+from inercal.basics.errors import InputError
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.motion_control import MotionControl, SensedMotion
-from inercal.errors import InputError
 from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
-from inercal.plan import Step
+from inercal.physics.plan import Step
+from inercal.physics.section_settings import key_error
 from inercal.runfile import Run
-from inercal.section_settings import key_error
 
 # Servo cycles: of the two about a time and one beside them, none may be to come
 _LOOKAHEAD_CYCLES = 4

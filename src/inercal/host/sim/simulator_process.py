@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import Any, TextIO
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.sim.server import Device, ManualClock, ScaledClock, SimulatorServer
 
 

@@ -15,7 +15,7 @@ from time import monotonic
 from starlette.requests import cookie_parser
 from starlette.responses import Response
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 
 SESSION, VIEWER = "inercal-session", "inercal-viewer"
 _MIN_TOKEN_LENGTH = 12  # characters of a token

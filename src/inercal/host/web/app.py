@@ -17,7 +17,7 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.packets import PRESETS, read_layout
 from inercal.host.web.access import Access
 from inercal.host.web.access_middleware import AccessMiddleware
@@ -284,7 +284,7 @@ class Page:
                 viewer.send("refused", json.dumps({"kind": "refused", "words": words}))
 
     def _setup(self) -> dict[str, Any]:
-        from inercal.store import Register
+        from inercal.laboratory.store import Register
 
         hub = self._hub
         hub.choice.refresh()
@@ -311,8 +311,8 @@ class Page:
         }
 
     def _history(self, sensor: int) -> str:
+        from inercal.laboratory.store import Register
         from inercal.report import history_page, noise_history_page
-        from inercal.store import Register
 
         with Register(self._register) as register:
             entry, noise = register.sensor(sensor), register.noise_history(sensor)

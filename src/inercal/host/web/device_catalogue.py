@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-from inercal.errors import InercalError, InputError
+from inercal.basics.errors import InercalError, InputError
 from inercal.host import devices
 from inercal.host.device_description import imu_lines, table_lines
 from inercal.host.devices import SerialPort, list_serial_ports

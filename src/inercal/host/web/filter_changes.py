@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.web.json_objects import JsonObject, as_object
 from inercal.host.web.plans import Plan
 from inercal.runfile.filter_fields import FILTER_KEY, filter_errors

@@ -11,7 +11,7 @@ from os import kill
 from pathlib import Path
 from zlib import crc32
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked

@@ -11,7 +11,7 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator

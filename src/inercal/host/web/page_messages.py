@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import require_turntable
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.calibration import Calibration
 from inercal.calibration.grade import GRADE_TONES, GRADE_WORDS, Grade
-from inercal.estimate.scores import chi2_tail_probability
+from inercal.estimation.scores import chi2_tail_probability
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState
 from inercal.host.tasks import SpinTask, Task, host_plan
-from inercal.keys import CoefficientName
 from inercal.runfile import Run
-from inercal.units import ZERO_CELSIUS
 
 _SIGNIFICANT_DIGITS = 7
 # A run has some hundred independent windows of two filters: by chance one of 50 runs is named.

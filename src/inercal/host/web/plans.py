@@ -5,13 +5,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_toml
 from inercal.host.recording_writer import require_recordable
 from inercal.host.tasks import host_plan
 from inercal.runfile import Run, read
 from inercal.runfile.filter_fields import filter_fields
 from inercal.runfile.schema import RunSchema
-from inercal.small_files import read_toml
 
 _SECTIONS = frozenset(RunSchema.model_fields)
 _DEMO = "demo"

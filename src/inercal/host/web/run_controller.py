@@ -8,7 +8,7 @@ from time import sleep
 from typing import Any
 from urllib.parse import quote
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
 from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator, start_bench_simulator
@@ -36,8 +36,8 @@ from inercal.host.web.run_request import (
     write_process_record,
 )
 from inercal.host.web.telemetry import UPDATE_INTERVAL, RunTelemetry
+from inercal.laboratory.store import Register
 from inercal.runfile import Run, read
-from inercal.store import Register
 
 _TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of a simulated bench
 

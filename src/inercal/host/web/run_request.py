@@ -9,12 +9,12 @@ from typing import Any, NamedTuple, Protocol, Self
 
 import tomlkit
 
-from inercal.errors import InputError
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_toml
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import is_locked, lock_file, os_errors_as_input_errors
 from inercal.runfile.filter_fields import changed_section
-from inercal.small_files import read_toml
 
 PROCESS_RECORD = "run.page.json"
 EndMessage = dict[str, Any]

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from inercal.errors import InercalError, InputError
+from inercal.basics.errors import InercalError, InputError
+from inercal.basics.small_files import read_toml
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
 from inercal.host.web.manual_request import MANUAL_JOURNAL
 from inercal.host.web.run_request import run_in_progress
-from inercal.small_files import read_toml
-from inercal.store import Register
+from inercal.laboratory.store import Register
 
 UNREADABLE = "unreadable"  # of a run whose journal cannot be read
 

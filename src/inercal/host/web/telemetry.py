@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.host.bench_run import BenchRun
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from threading import Thread
 from typing import Any, TypeVar
 
-from inercal.errors import InercalError
+from inercal.basics.errors import InercalError
 from inercal.host.web.publisher import Publisher
 from inercal.host.web.run_request import ProcessRequest, premature_end_message
 

@@ -24,12 +24,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.keys import CoefficientName
 from inercal.benches.centrifuge.arm_motion import specific_force_norm
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.keys import CoefficientName
+from inercal.estimation import Estimate, Gaussian, least_squares
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import estimator_inputs, trial_blocks
 from inercal.methods._base import Fit, Method, Remarks
 from inercal.methods.centrifuge_norm import closed_formulas
@@ -39,10 +40,9 @@ from inercal.methods.centrifuge_norm.problems import exact_bench_norm_problem, n
 from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
-from inercal.plan import Spin
-from inercal.recording import Finding, Observations
-from inercal.sensors import Sensor
-from inercal.uncertainty.coverage import COVERAGE
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Observations
 
 SIGN_NOTE = (
     "norms show neither a reversed axis, whose k0 and k2 only change sign, nor two exchanged axes: "

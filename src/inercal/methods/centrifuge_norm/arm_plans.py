@@ -8,8 +8,8 @@ the worst coefficient is known seven times as well from as many dwells.
 from collections.abc import Sequence
 from math import pi, radians
 
-from inercal.errors import InputError
-from inercal.plan import Attitude, Spin, arm_attitude
+from inercal.basics.errors import InputError
+from inercal.physics.plan import Attitude, Spin, arm_attitude
 
 RATES = (2 * pi, 4 * pi, 6 * pi)
 TURNS = 10

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError, NotObserved
-from inercal.keys import CoefficientName
-from inercal.sensors import G0, Sensor
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.keys import CoefficientName
+from inercal.physics.sensors import G0, Sensor
 
 SeriesInverse = Callable[[Array, Array, Array, Array], tuple[Array, Array, Array]]
 TERMS = ("k0", "k1", "k2")

@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from inercal.basics.errors import NotObserved
+from inercal.basics.run_file_advice import Change
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian, least_squares
-from inercal.estimate.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
+from inercal.estimation import Gaussian, least_squares
+from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.methods.centrifuge_norm.screening import (
     START_ITERATIONS,
     Agreement,
     row_agreement,
 )
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.run_file_advice import Change
-from inercal.sensors import Sensor
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 CANDIDATE_GROUPS = ("k3", "koq", "nonorthogonality")  # observed by norms, as in [method] also
 _INLIER_LIMIT = 4.0  # deviations of most rows; rows beyond are not in the score tests

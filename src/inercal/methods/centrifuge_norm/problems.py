@@ -16,7 +16,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
 from inercal.benches.centrifuge.arm_motion import (
     SpecificForceNorm,
@@ -24,9 +25,9 @@ from inercal.benches.centrifuge.arm_motion import (
     specific_force_norm,
 )
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.estimate import Candidate, Gaussian, Problem
-from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
-from inercal.estimate.problem import NormalEquations
+from inercal.estimation import Candidate, Gaussian, Problem
+from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
+from inercal.estimation.problem import NormalEquations
 from inercal.methods import candidates, mean_problem, temperature
 from inercal.methods.centrifuge_norm.rotation_gauge import (
     gauges,
@@ -34,20 +35,19 @@ from inercal.methods.centrifuge_norm.rotation_gauge import (
     rotation_null_directions,
 )
 from inercal.methods.mean_problem import Unknowns
-from inercal.methods.row_comparison import RowComparison
-from inercal.observe import (
+from inercal.methods.residuals import (
     NoisyNormResiduals,
     StatedNorms,
     noisy_norm_residuals,
     norm_normal_equations,
     norm_residuals,
 )
-from inercal.observe.term_table import term_table
-from inercal.parameters import Parameter
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import SI_UNITS, Sensor
-from inercal.sensors.coefficient_tables import TABLES
+from inercal.methods.residuals.term_table import term_table
+from inercal.methods.row_comparison import RowComparison
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import SI_UNITS, Sensor
+from inercal.physics.sensors.coefficient_tables import TABLES
+from inercal.recordings import Observations
 
 _Result = TypeVar("_Result")
 _COMPARED = 16  # trials

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gauge, Gaussian
-from inercal.keys import CoefficientName
-from inercal.sensors import Sensor
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.keys import CoefficientName
+from inercal.estimation import Gauge, Gaussian
+from inercal.physics.sensors import Sensor
 
 _ROTATION = "rotation of the triad"
 

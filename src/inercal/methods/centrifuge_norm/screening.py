@@ -26,16 +26,16 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.errors import InputError
-from inercal.estimate import Cauchy, Estimate, Gaussian, Problem, least_squares
-from inercal.estimate.scores import SIGNIFICANCE_LEVEL
+from inercal.estimation import Cauchy, Estimate, Gaussian, Problem, least_squares
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.methods.estimator_inputs import require_single_recording
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 _FINAL_THRESHOLD = 1.5  # threshold of the loss at the end, in deviations
 _FINAL_ITERATIONS, _INTERMEDIATE_ITERATIONS = 30, 5  # at the last threshold and at those on the way

@@ -28,8 +28,8 @@ import numpy as np
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
 from inercal.benches.dividing_head.head_angles import sensor_angles
-from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.estimate.scores import NO_SCORE_TESTS
+from inercal.estimation import Estimate, Gaussian, least_squares
+from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.methods import dividing_head_problem
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import g_squared
@@ -38,9 +38,9 @@ from inercal.methods.dual_orthogonal.coefficient_sums import notes
 from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
-from inercal.plan import Index
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.plan import Index
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 
 def joint(

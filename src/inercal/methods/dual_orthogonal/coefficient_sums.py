@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import format_quantity
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.estimate import Estimate, Gaussian
-from inercal.keys import CoefficientName
+from inercal.estimation import Estimate, Gaussian
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods.dual_orthogonal.g_squared import MOUNTING_ANGLES
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_quantity
 
 _MIN_IMPROVEMENT = 3.0  # standard uncertainty alone over that of the sum
 

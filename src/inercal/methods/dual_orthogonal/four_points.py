@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
 from inercal.benches.dividing_head.passes import CARDINAL_ANGLES, matches_any_angle
-from inercal.errors import NotObserved
-from inercal.plan import Index
+from inercal.physics.plan import Index
 
 # Of A and B, as indices of `CARDINAL_ANGLES`
 _LEVEL_ROWS, _VERTICAL_ROWS = ((0, 2), (3, 1)), ((1, 3), (0, 2))

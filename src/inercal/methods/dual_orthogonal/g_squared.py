@@ -22,18 +22,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.keys import CoefficientName
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.passes import drift_ramps, first_visit_rows
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
-from inercal.keys import CoefficientName
+from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
 from inercal.methods import candidates
 from inercal.methods.mean_problem import ROUNDING
-from inercal.motion import Motion
-from inercal.plan import Index
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Index
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 TERMS = (
     "a.k0",

@@ -14,18 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.estimation import Estimate, Gaussian, Problem, least_squares
+from inercal.estimation.uncertainty.propagation import jacobian
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal.four_points import averaging_matrix, four_points
 from inercal.methods.mean_problem import ROUNDING
-from inercal.plan import Index
-from inercal.recording import Observations
-from inercal.sensors import Sensor
-from inercal.uncertainty.propagation import jacobian
+from inercal.physics.plan import Index
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 _FOUR_POINT_TERMS = ("k0", "k1")
 

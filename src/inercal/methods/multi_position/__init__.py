@@ -9,8 +9,8 @@ input axis, y in the plane of the first two.
 
 Each kind of rows has its own χ² test. Where χ² exceeds its 95 % bound, the scatter that explains it
 is added to the noise. Where it is below its 1 % bound, the samples contain the hand's wobble, and
-only a share of their scatter is noise (`inercal.estimate.residual_scatter`); noise that a table of
-means states is not reduced. Terms that the model
+only a share of their scatter is noise (`inercal.estimation.residual_scatter`); noise that a table
+of means states is not reduced. Terms that the model
 omits are tested with the noise before anything is added
 (`inercal.methods.multi_position.rest_candidates`).
 
@@ -24,11 +24,11 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.errors import InputError
 from inercal.benches import Hand
 from inercal.calibration.forms import Frame
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian
-from inercal.estimate.lazy_value import LazyValue
+from inercal.estimation import Estimate, Gaussian
+from inercal.estimation.lazy_value import LazyValue
 from inercal.methods._base import Fit, Method, Remarks
 from inercal.methods.multi_position.advice import advice, g_sensitivity_findings, gravity_notes
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
@@ -44,9 +44,9 @@ from inercal.methods.multi_position.stages import (
 )
 from inercal.methods.multi_position.timing import gyro_delay
 from inercal.methods.observability import require_observed
-from inercal.plan import HandStep
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.plan import HandStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 _SIGN_NOTE = (
     "norms at rest show neither a reversed axis nor two exchanged axes: compare the sign of each "

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 
 Indices = NDArray[np.int64]
 
@@ -49,7 +49,7 @@ def integrate_transitions(
     Parameters
     ----------
     time, output, start, left, reached, stop
-        Of `inercal.recording.Transitions`.
+        Of `inercal.recordings.Transitions`.
     back, zero : (6, m) and (6,) arrays
         f and ω from the output: back @ y + zero, SI.
     white : (3, 3) array
@@ -202,7 +202,7 @@ def delay_sums(
     Parameters
     ----------
     time, output, left, reached
-        Of `inercal.recording.Transitions`.
+        Of `inercal.recordings.Transitions`.
     back, zero : (6, m) and (6,) arrays
         f and ω from the output, SI.
     before : (k, 3) array

@@ -5,16 +5,16 @@
 import numpy as np
 import scipy
 
-from inercal.arrays import Array
-from inercal.earth import COMPUTED_GRAVITY_SD
-from inercal.estimate import Estimate
+from inercal.basics.arrays import Array
+from inercal.basics.run_file_advice import Change
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.estimation import Estimate
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods.multi_position.attitude_coverage import GeometryErrors, next_attitudes
 from inercal.methods.multi_position.coverage_requirements import attitudes_in_words
 from inercal.methods.multi_position.rest_observations import Rests
-from inercal.recording import Finding
-from inercal.run_file_advice import Change
-from inercal.uncertainty.coverage import COVERAGE
-from inercal.units import format_value_and_uncertainty
+from inercal.physics.earth import COMPUTED_GRAVITY_SD
+from inercal.recordings import Finding
 
 _MIN_IMPROVEMENT = 1.5  # times: less gain is not worth the hand's trouble
 _ADVISED_ATTITUDES = 3  # attitudes advised where a result is weak

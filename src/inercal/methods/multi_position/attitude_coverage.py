@@ -17,15 +17,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.hand.bench import tangent_vectors
-from inercal.errors import InputError
-from inercal.frames import exp_so3, skew
 from inercal.methods.multi_position.rotations import inverse_model
-from inercal.motion import Motion
-from inercal.observe import norm_residuals
-from inercal.plan import Hold
-from inercal.sensors import G0, Sensor, imu
+from inercal.methods.residuals import norm_residuals
+from inercal.physics.frames import exp_so3, skew
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Hold
+from inercal.physics.sensors import G0, Sensor, imu
 
 WORST_FORCE = 1e-3 * G0  # m/s², of a norm
 WORST_TURN = 1e-2  # rad of a rotation, and rad/s of a rate

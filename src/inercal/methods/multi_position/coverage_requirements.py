@@ -9,14 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
+from inercal.estimation import Gaussian
 from inercal.methods.multi_position.attitude_coverage import GeometryErrors, next_attitudes
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.observability import OBSERVABILITY_LIMIT, direction_in_words
-from inercal.plan import Hold
-from inercal.sensors import G0
+from inercal.physics.plan import Hold
+from inercal.physics.sensors import G0
 
 _COVERED_COSINE = np.cos(np.pi / 4)  # a rest within 45° of an axis counts for it
 _TARGET_DEVIATION = 0.01  # of the natural size: what to add is named until the geometry gives this

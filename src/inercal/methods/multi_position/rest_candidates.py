@@ -18,10 +18,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.earth import earth_rate_up_north
-from inercal.estimate import Candidate
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import Measured
+from inercal.estimation import Candidate
 from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, largest_angle
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
 from inercal.methods.multi_position.rotations import (
@@ -30,9 +30,9 @@ from inercal.methods.multi_position.rotations import (
     transition_rotations,
 )
 from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
-from inercal.motion import Motion
-from inercal.sensors import G0, SI_UNITS, Sensor
-from inercal.units import Measured
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, SI_UNITS, Sensor
 
 Basis = Callable[[Motion], Array]
 

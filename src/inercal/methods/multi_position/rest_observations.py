@@ -14,8 +14,9 @@ norm 1, rates 1, rotation 1, norm 2, … the covariance is a band, and is whiten
 The gyros' noise at a rest is in its mean rate and in the rotations to and from it.
 
 Rows may scatter by more than the samples say, or by less, where the samples hold the hand's wobble:
-`Scatter` has a share and an excess (`inercal.estimate.residual_scatter`) for a rest's accelerometer
-readings, its gyro readings (a drift of the bias also turns the transitions), and a rotation.
+`Scatter` has a share and an excess (`inercal.estimation.residual_scatter`) for a rest's
+accelerometer readings, its gyro readings (a drift of the bias also turns the transitions), and a
+rotation.
 """
 
 from collections.abc import Callable
@@ -25,11 +26,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.benches.hand.bench import tangent_vectors
-from inercal.estimate.residual_scatter import ScatterModel
-from inercal.frames import attitude_from_vertical, exp_so3
+from inercal.estimation.residual_scatter import ScatterModel
 from inercal.methods import temperature
 from inercal.methods.multi_position.rotations import (
     RotationResiduals,
@@ -37,11 +38,11 @@ from inercal.methods.multi_position.rotations import (
     rotation_residuals,
     transition_rotations,
 )
-from inercal.motion import Motion
-from inercal.observe import NormResiduals, norm_residuals
-from inercal.recording import Observations, Transitions
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.methods.residuals import NormResiduals, norm_residuals
+from inercal.physics.frames import attitude_from_vertical, exp_so3
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations, Transitions
 
 
 class Scatter(NamedTuple):

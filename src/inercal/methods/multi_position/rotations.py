@@ -22,13 +22,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import NotInvertible
-from inercal.frames import exp_so3, skew
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotInvertible
 from inercal.methods import temperature
-from inercal.motion import Motion
-from inercal.recording import Transitions
-from inercal.sensors import Sensor
+from inercal.physics.frames import exp_so3, skew
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Transitions
 
 Indices = NDArray[np.int64]
 _CHUNK_SAMPLES = 100_000  # samples

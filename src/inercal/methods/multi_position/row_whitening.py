@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.methods.multi_position.rotations import RotationResiduals
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate.residual_scatter import ScatterModel, chi_squared, fit_scatter
+from inercal.basics.arrays import Array
+from inercal.estimation.residual_scatter import ScatterModel, chi_squared, fit_scatter
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.methods.multi_position.row_whitening import NORM_ROW, row_covariance, whitener
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate import (
+from inercal.basics.arrays import Array
+from inercal.estimation import (
     Candidate,
     Estimate,
     Gaussian,
@@ -44,7 +44,7 @@ from inercal.methods.multi_position.within_rest_changes import (
     rest_changes,
     step_candidates,
 )
-from inercal.sensors import G0
+from inercal.physics.sensors import G0
 
 Places = NDArray[np.int64]
 _COARSE_ITERATIONS = 6  # steps

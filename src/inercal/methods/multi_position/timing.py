@@ -7,14 +7,14 @@ The hand's acceleration changes these values independently, so their scatter giv
 
 import numpy as np
 
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate
+from inercal.basics.errors import NotObserved
+from inercal.basics.units import Measured
+from inercal.estimation import Estimate
 from inercal.methods import temperature
 from inercal.methods.multi_position.rotations import inverse_model
-from inercal.observe import norm_residuals
-from inercal.recording import Observations
-from inercal.sensors import Sensor
-from inercal.units import Measured
+from inercal.methods.residuals import norm_residuals
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 _MIN_PASSAGES = 5  # transitions: of fewer, the scatter says too little
 

@@ -2,7 +2,7 @@
 
 A hand sways: a tilt across gravity is not a fault. With Δf̂ the change of f̂ from the first half of
 a rest to the second and θ what the corrected rate turns through between their mean attitudes
-(`inercal.segments.rest_changes`), three rows for each rest are
+(`inercal.recordings.segments.rest_changes`), three rows for each rest are
 
     d = Δf̂ − f̂ × θ
 
@@ -17,15 +17,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.hand.bench import tangent_vectors
-from inercal.estimate import Candidate
-from inercal.estimate.residual_scatter import leave_one_out_factors
-from inercal.frames import skew
+from inercal.estimation import Candidate
+from inercal.estimation.residual_scatter import leave_one_out_factors
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.methods.multi_position.rotations import inverse_model, inverse_models
 from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
-from inercal.motion import Motion
+from inercal.physics.frames import skew
+from inercal.physics.motion import Motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +138,8 @@ def step_candidates(
 def component_candidates(step: Candidate) -> Iterator[Candidate]:
     """Yield each component of a step by itself.
 
-    All at once would be a push of the hand, which `inercal.segments.section_noise` judges along
-    gravity.
+    All at once would be a push of the hand, which `inercal.recordings.segments.section_noise`
+    judges along gravity.
     """
     for k, (name, unit) in enumerate(zip(step.components, step.units, strict=True)):
         yield Candidate(name, step.kind, (name,), (unit,), step.rows[:, [k]])

@@ -19,11 +19,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName, ErrorName
+from inercal.basics.parameters import Parameter
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian, Problem
-from inercal.keys import CoefficientName, ErrorName
+from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.methods import mean_problem, trial_blocks
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import require_matching_rows
@@ -33,9 +34,8 @@ from inercal.methods.rates_and_poses.equal_weights import least_squares_line, re
 from inercal.methods.rates_and_poses.plan_structure import require_determined
 from inercal.methods.rates_and_poses.platform_plans import plan
 from inercal.methods.rates_and_poses.sign_terms import readings_without_input, without_signs
-from inercal.parameters import Parameter
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 
 def ml(

@@ -16,15 +16,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.basics.errors import InputError
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import PlatformStep
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods import estimator_inputs
 from inercal.methods.observability import NOISE_ONLY_NOTE
-from inercal.motion import Motion
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 NAME = "estimator ieee"
 

@@ -11,18 +11,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
+from inercal.basics.keys import CoefficientName
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
-from inercal.errors import NotObserved
-from inercal.estimate import Gaussian
-from inercal.estimate.nullspace import row_echelon_form
-from inercal.keys import CoefficientName
+from inercal.estimation import Gaussian
+from inercal.estimation.nullspace import row_echelon_form
 from inercal.methods import temperature
 from inercal.methods.observability import direction_in_words
-from inercal.motion import Motion
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 TOLERANCE = 2e-3  # of the largest scaled singular value
 _NAMED = 1e-6  # of the largest weight of a direction

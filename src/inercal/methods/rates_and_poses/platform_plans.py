@@ -3,6 +3,7 @@
 from itertools import product
 from math import pi, radians
 
+from inercal.basics.errors import InputError
 from inercal.benches.rate_platform.sections import (
     PlatformStep,
     Pose,
@@ -11,8 +12,7 @@ from inercal.benches.rate_platform.sections import (
     pose_label,
     whole_turns,
 )
-from inercal.data.recording_loader import number_repeated_names
-from inercal.errors import InputError
+from inercal.recordings.data.recording_loader import number_repeated_names
 
 _SETTINGS = {3: ("x", "y", "z"), 6: ("x", "-x", "y", "-y", "z", "-z")}
 _SPEEDS = (radians(50), radians(200))

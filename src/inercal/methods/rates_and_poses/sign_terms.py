@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
-from inercal.estimate import Problem
-from inercal.sensors import G0, Sensor
+from inercal.estimation import Problem
+from inercal.physics.sensors import G0, Sensor
 
 _NOTHING = 1e-6  # of g, or of 1 rad/s
 

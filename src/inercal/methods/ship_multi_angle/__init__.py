@@ -20,10 +20,10 @@ text. `joint`, `planar_norm` and all covariances are ours.
 from collections.abc import Sequence
 from dataclasses import replace
 
+from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, mounting_names
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods import prediction_error, trial_blocks
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import require_matching_rows
@@ -32,9 +32,9 @@ from inercal.methods.ship_consistency import joint_problem
 from inercal.methods.ship_multi_angle.norm_estimators import damped, global_
 from inercal.methods.ship_multi_angle.vector_norm_estimator import planar_norm
 from inercal.methods.ship_planar import planar, require_excitation
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
 
 
 def plan(

@@ -6,20 +6,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.ship_multi_angle.free_norm_directions import (
     FreeDirections,
     free_directions,
     undetermined_rotations,
 )
 from inercal.methods.ship_planar import fit_level_states, require_excitation
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
-from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel, to_affine
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel, to_affine
+from inercal.recordings import Observations
 
 
 class StartingPoint(NamedTuple):

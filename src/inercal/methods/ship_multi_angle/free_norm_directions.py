@@ -19,16 +19,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.estimate import NullDirection
+from inercal.basics.arrays import Array
+from inercal.estimation import NullDirection
 from inercal.methods.observability import OBSERVABILITY_LIMIT, direction_in_words
 from inercal.methods.ship_multi_angle.norm_equations import (
     RANK_TOLERANCE,
     norm_jacobian,
     rotation_directions,
 )
-from inercal.sensors import Sensor
-from inercal.sensors.affine import AFFINE_NAMES, AffineModel, to_coefficients
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.affine import AFFINE_NAMES, AffineModel, to_coefficients
 
 
 class GroupInformation(NamedTuple):

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.methods.ship_multi_angle.norm_equations import damped_solution, norm_residuals
-from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel
+from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
 
 GOAL = 0.05
 _POPULATION_FACTOR = 15  # times twelve

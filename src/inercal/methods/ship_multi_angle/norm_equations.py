@@ -32,9 +32,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.frames import decompose_symmetric, skew
-from inercal.sensors.affine import AffineModel
+from inercal.basics.arrays import Array
+from inercal.physics.frames import decompose_symmetric, skew
+from inercal.physics.sensors.affine import AffineModel
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value: below, no equation determines a direction
 _INITIAL_DAMPING, _MAX_DAMPING = 1e-3, 1e12  # μ of the largest eigenvalue: first and last

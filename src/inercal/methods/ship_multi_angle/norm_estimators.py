@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.rate_table.bench import RateTable
-from inercal.estimate import Estimate, Gaussian, NullDirection
+from inercal.estimation import Estimate, Gaussian, NullDirection
 from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
 from inercal.methods.ship_consistency import bench_sensitivities, consistency, row_covariance
 from inercal.methods.ship_multi_angle import norm_equations
@@ -35,10 +35,10 @@ from inercal.methods.ship_multi_angle.tilted_states import (
     tilted_rows,
 )
 from inercal.methods.ship_planar import affine_estimate
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import Sensor
-from inercal.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
+from inercal.recordings import Observations
 
 DEFAULT_SEARCH = SearchOptions()
 _FIRST_BIAS = 9  # index in θ

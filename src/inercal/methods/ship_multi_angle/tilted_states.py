@@ -5,15 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import is_tilted
-from inercal.errors import NotObserved
 from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
-from inercal.sensors.affine import require_affine_triad
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.affine import require_affine_triad
+from inercal.recordings import Observations
 
 MIN_TILTED_STATES = 12  # groups
 

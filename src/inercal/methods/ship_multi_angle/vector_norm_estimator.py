@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
-from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.estimation import Estimate, Gaussian, Problem, least_squares
 from inercal.methods.estimator_inputs import refuse_priors
 from inercal.methods.ship_consistency import (
     bench_sensitivities,
@@ -24,10 +24,10 @@ from inercal.methods.ship_consistency import (
 )
 from inercal.methods.ship_multi_angle.tilted_states import norm_observations, tilted_rows
 from inercal.methods.ship_planar import affine_estimate, require_excitation
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
-from inercal.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
+from inercal.recordings import Observations
 
 
 def planar_norm(

@@ -15,12 +15,12 @@ Savage 2000, Strapdown Analytics; Aitken 1935 (generalised least squares).
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import systematic_plan
 from inercal.benches.turntable.still_table import StillTable
 from inercal.calibration.forms import Frame
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.systematic.coefficient_rules import require_determined
 from inercal.methods.systematic.filter_estimators import solve_by_filter
@@ -33,9 +33,9 @@ from inercal.methods.systematic.segments import (
     shift_forces,
     shift_forces_of_track,
 )
-from inercal.plan import TableStep
-from inercal.recording import Observations, Track
-from inercal.sensors import Sensor
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations, Track
 
 _LARGEST_LAG = 0.5  # s, half of what a turn has of rest at its ends
 

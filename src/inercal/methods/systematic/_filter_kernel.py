@@ -15,8 +15,8 @@ epochs. If it followed the estimate, the filter would count directions as observ
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate.kernel_options import kernel, kernel_step
+from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import kernel, kernel_step
 from inercal.methods.systematic._kernels import (
     SAMPLE_VECTORS,
     add_white_noise,

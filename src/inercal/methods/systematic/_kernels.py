@@ -22,8 +22,8 @@ Sources: Savage 2000, Strapdown Analytics, chapters 7 (integration) and 18 (erro
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate.kernel_options import kernel, kernel_step
+from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 
 Indices = NDArray[np.int64]

@@ -18,13 +18,13 @@ from math import degrees, radians
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inercal.arrays import Array
-from inercal.earth import earth_rate_up_north
-from inercal.errors import InputError
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.methods.systematic.navigation import ImuModel, earth_rate, integrate_navigation
 from inercal.methods.systematic.segments import Segments
-from inercal.sensors import Sensor
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.sensors import Sensor
 
 # Of the forces: 0.4° of a navigation-grade IMU, 3 to 7° where scale factors are off by 1 % and axes
 # by 0.5°, 7 to 14° of twice that, and 86 to 180° of a wrong axis or unit

@@ -8,13 +8,13 @@ from math import cos, degrees, radians
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian
-from inercal.frames import log_so3
-from inercal.keys import CoefficientName
-from inercal.recording import Observations
-from inercal.sensors import G0, Sensor
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.keys import CoefficientName
+from inercal.estimation import Gaussian
+from inercal.physics.frames import log_so3
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Observations
 
 # The body's frame: ax along x, ay in the xy plane
 FRAME = ("ax.delta_o", "ax.delta_p", "ay.delta_o")

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
 from inercal.benches.turntable.still_table import StillTable
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian, ModelTest
-from inercal.estimate.innovations import group_innovations, mean_and_whiteness_tests
+from inercal.estimation import Estimate, Gaussian, ModelTest
+from inercal.estimation.innovations import group_innovations, mean_and_whiteness_tests
 from inercal.methods.systematic.alignment import attitudes_at
 from inercal.methods.systematic.coefficient_rules import require_turns
 from inercal.methods.systematic.filter_inputs import FilterModel, FilterStart, filter_start
@@ -26,8 +26,8 @@ from inercal.methods.systematic.segments import (
     Segments,
     segments_of_track,
 )
-from inercal.recording import Track
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Track
 
 _CHUNK = 100  # epochs that a recording is followed in
 _MOST_PASSES = 8

@@ -13,15 +13,15 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.still_table import StillTable
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.navigation import ImuModel, bias_name, earth_rate
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import Drift, drift_model
-from inercal.recording import sample_count
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import sample_count
 
 EPOCH = 0.2  # s
 KINDS: tuple[Literal["f", "w"], ...] = ("f", "w")

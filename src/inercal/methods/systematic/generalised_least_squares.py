@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.still_table import StillTable
-from inercal.estimate import Candidate, Estimate, Gaussian, Problem
-from inercal.estimate.least_squares import estimate_at_solution
-from inercal.estimate.nullspace import observability
-from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
-from inercal.frames import exp_so3
+from inercal.estimation import Candidate, Estimate, Gaussian, Problem
+from inercal.estimation.fitting import estimate_at_solution
+from inercal.estimation.nullspace import observability
+from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
 from inercal.methods.systematic.coefficient_rules import (
@@ -24,8 +24,8 @@ from inercal.methods.systematic.coefficient_rules import (
 from inercal.methods.systematic.navigation import ImuModel
 from inercal.methods.systematic.rest_and_turn_rows import RestAndTurnRows
 from inercal.methods.systematic.segments import Segments
-from inercal.parameters import Parameter
-from inercal.sensors import Sensor
+from inercal.physics.frames import exp_so3
+from inercal.physics.sensors import Sensor
 
 LAG = "lag"
 _LARGEST_STEP = 0.001  # standard deviations

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.benches.turntable.still_table import StillTable
-from inercal.errors import InputError
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods._base import PartialEstimate
 from inercal.methods.systematic.alignment import attitudes_at, determines_azimuth
 from inercal.methods.systematic.filter_inputs import FilterModel, FilterStart, filter_start
@@ -26,9 +26,9 @@ from inercal.methods.systematic.segments import (
     require_imu,
     segments_of_track,
 )
-from inercal.plan import TableStep
-from inercal.recording import GAP_FACTOR, Track, join_tracks
-from inercal.sensors import Sensor
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import GAP_FACTOR, Track, join_tracks
 
 
 class LiveNavigation:

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.earth import earth_rate_up_north
+from inercal.basics.arrays import Array
 from inercal.methods.systematic._kernels import MATRICES, VECTORS, integrate_turns
 from inercal.methods.systematic.segments import Indices, Segments
-from inercal.motion import Motion
-from inercal.sensors import Axis, Sensor
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Axis, Sensor
 
 _STEPS = 4  # of Newton: k2 of 100 µg/g² leaves 4e-4 of an error with each
 _NO_COLUMNS = np.zeros((0, 3, 0))

@@ -17,13 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.frames import skew
+from inercal.basics.arrays import Array
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods.systematic.navigation import earth_rate
 from inercal.methods.systematic.segments import Segments
-from inercal.motion import Motion
-from inercal.sensors import Sensor
-from inercal.uncertainty.coverage import COVERAGE
+from inercal.physics.frames import skew
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
 
 EARTH_RADIUS = 6_371_000.0  # m, mean
 HOUR = 3600.0

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate import FilterHistory, Gaussian
+from inercal.basics.arrays import Array
+from inercal.estimation import FilterHistory, Gaussian
 from inercal.methods.systematic._filter_kernel import (
     FILTER_MATRICES,
     FILTER_VECTORS,

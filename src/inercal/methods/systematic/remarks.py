@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.units import format_quantity, format_value_and_uncertainty
 from inercal.benches.report_data import Panel, Plot, Series
 from inercal.benches.turntable.still_table import StillTable
 from inercal.methods._base import Fit, Remarks
@@ -16,8 +17,7 @@ from inercal.methods.systematic.navigation_error import (
 from inercal.methods.systematic.segment_tests import rest_change_deviations
 from inercal.methods.systematic.segments import segments_of_track
 from inercal.methods.systematic.vertical_turns import vertical_turn_messages
-from inercal.recording import Finding
-from inercal.units import format_quantity, format_value_and_uncertainty
+from inercal.recordings import Finding
 
 _MOVED = 4.5  # standard deviations of the halves of one rest: chance in 114 is 8e-4
 

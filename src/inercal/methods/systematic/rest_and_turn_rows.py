@@ -23,8 +23,7 @@ from functools import cached_property
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.frames import exp_so3, left_jacobian, log_so3, skew
+from inercal.basics.arrays import Array
 from inercal.methods.systematic.navigation import (
     ImuModel,
     Navigation,
@@ -35,8 +34,9 @@ from inercal.methods.systematic.navigation import (
 )
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import covariance_of_means
-from inercal.motion import Motion
-from inercal.sensors import Sensor
+from inercal.physics.frames import exp_so3, left_jacobian, log_so3, skew
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
 
 _UP = np.array([0.0, 0.0, 1.0])
 _ROWS = 6  # of each rest and of each turn

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.estimate import ModelTest
+from inercal.basics.arrays import Array
+from inercal.estimation import ModelTest
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import covariance_of_means
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
 
 HALVES = "halves of the rests"
 

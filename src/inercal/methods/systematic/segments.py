@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.recording import ReadingSteps, RoundingErrors, Track, sample_count
-from inercal.segments.reading_steps import reading_steps
-from inercal.sensors import Sensor
-from inercal.units import format_quantity
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_quantity
+from inercal.physics.sensors import Sensor
+from inercal.recordings import ReadingSteps, RoundingErrors, Track, sample_count
+from inercal.recordings.segments.reading_steps import reading_steps
 
 Indices = NDArray[np.int64]
 MIN_RESTS = 6

@@ -9,8 +9,8 @@ from math import degrees
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.frames import log_so3
+from inercal.basics.arrays import Array
+from inercal.physics.frames import log_so3
 
 _VERTICAL = 0.9  # cosine of the turn's axis with the vertical, beyond which it is about it
 _TURNED = 0.02  # rad; a smaller turn has no axis

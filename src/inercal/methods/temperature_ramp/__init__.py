@@ -21,18 +21,18 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.benches import Hand
-from inercal.environment import Environment
-from inercal.environment.common_errors import with_temperature_shift
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods._base import Method
 from inercal.methods.temperature_ramp.node_fit import fit_along_nodes
 from inercal.methods.temperature_ramp.ramp_fit import fit_ramp
 from inercal.methods.temperature_ramp.ramp_model import ramp_model
 from inercal.methods.temperature_ramp.ramp_remarks import remarks
 from inercal.methods.temperature_ramp.thermometer_steps import TRUNCATION
-from inercal.plan import Hold
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.plan import Hold
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
+from inercal.recordings.environment import Environment
+from inercal.recordings.environment.common_errors import with_temperature_shift
 
 
 def rest(seconds: float = 3600.0) -> tuple[Hold, ...]:

@@ -21,14 +21,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.methods.temperature_ramp.course_nodes import CourseNodes, course_nodes
 from inercal.methods.temperature_ramp.thermometer_steps import find_crossings, thermometer_step
-from inercal.recording import Track
-from inercal.segments.drift import even_drift_covariance
-from inercal.segments.reading_steps import reading_steps
-from inercal.sensors import Noise, Sensor
+from inercal.physics.sensors import Noise, Sensor
+from inercal.recordings import Track
+from inercal.recordings.segments.drift import even_drift_covariance
+from inercal.recordings.segments.reading_steps import reading_steps
 
 SHORTEST_BLOCK = 10.0  # s
 # Noise of the temperature in its rate pulls the lag towards zero: blocks are lengthened, by these

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.interpolate  # pyright: ignore[reportMissingTypeStubs]
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.methods.temperature_ramp.thermometer_steps import Crossings
 
 _FREE, _FREE_AT_ENDS = 0.2, 0.4  # spacings of the crossings: standard uncertainty of a free point

@@ -16,15 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.environment import Environment
-from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
+from inercal.basics.keys import CoefficientName
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.temperature_ramp.ramp_fit import solve_ramp
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
 from inercal.methods.temperature_ramp.thermometer_steps import is_one_exponential
-from inercal.sensors.coefficient_tables import BIAS_UNITS
+from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
+from inercal.recordings.environment import Environment
 
 _ROUNDS = 30  # of the nodes at given coefficients
 _SETTLED = 1e-7  # of a node's standard uncertainty

@@ -9,13 +9,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.estimate import Candidate
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.basics.run_file_advice import Change
+from inercal.estimation import Candidate
 from inercal.methods.candidates import extended_sensor
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
-from inercal.run_file_advice import Change
-from inercal.sensors import SI_UNITS
+from inercal.physics.sensors import SI_UNITS
 
 _UNITS = {"f": "m/s²", "w": "rad/s"}
 _LONGEST = 0.5  # of the recording: a slower warm-up is a drift

@@ -4,15 +4,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.earth import EARTH_RATE
-from inercal.environment import Environment
-from inercal.estimate import Candidate, Estimate, Gaussian, Problem, least_squares
-from inercal.estimate.problem import Linearise
-from inercal.keys import ErrorName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import ErrorName
+from inercal.estimation import Candidate, Estimate, Gaussian, Problem, least_squares
+from inercal.estimation.problem import Linearise
 from inercal.methods.temperature_ramp.ramp_candidates import ramp_candidates
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
-from inercal.sensors import G0, Sensor
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings.environment import Environment
 
 WIDEST_LAG = 300.0  # s, standard deviation of a lag that is not stated
 _NATURAL = {"f": G0, "w": 1.0}

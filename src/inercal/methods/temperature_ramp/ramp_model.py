@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.environment import Environment
-from inercal.errors import InputError
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.methods.temperature_ramp.blocks import RampBlocks
-from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations
+from inercal.recordings.environment import Environment
 
 LAG = "lag"
 

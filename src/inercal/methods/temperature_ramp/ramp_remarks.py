@@ -4,15 +4,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.environment import Environment
+from inercal.basics.arrays import Array
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.methods._base import Fit, Remarks
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.node_fit import NodeProblem
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel, ramp_model
-from inercal.recording import Finding
-from inercal.sensors.coefficient_tables import BIAS_UNITS
-from inercal.units import ZERO_CELSIUS
+from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
+from inercal.recordings import Finding
+from inercal.recordings.environment import Environment
 
 _STRONG = 0.9  # correlation of temperature and time
 _BINS = 20  # of the temperature, in which rising and falling are compared

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.units import ZERO_CELSIUS
+from inercal.basics.arrays import Array
+from inercal.basics.units import ZERO_CELSIUS
 
 # A thermometer that truncates reads half a step less than one that rounds, and nothing in the data
 # tells which it does: 2 standard uncertainties are half a step.

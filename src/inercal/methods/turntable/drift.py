@@ -36,9 +36,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.sensors import Noise
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.sensors import Noise
 
 MIN_FLICKER_SPAN = 1e4  # s, of the flicker's states at least
 _SHORTEST_TIME, _LONGEST_TIME_SHARE = 0.8, 0.42  # the shortest time, s; the longest, of the span

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.estimate.kernel_options import kernel, kernel_step
+from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.drift import Drift
 
 

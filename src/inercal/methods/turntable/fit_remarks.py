@@ -5,14 +5,14 @@ from math import degrees, radians, sqrt
 
 import numpy as np
 
+from inercal.basics.parameters import Parameter
+from inercal.basics.units import format_quantity
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods._base import Fit, Remarks
-from inercal.parameters import Parameter
-from inercal.plan import TableStep
-from inercal.recording import Finding, Track
-from inercal.sensors import Sensor
-from inercal.units import format_quantity
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Track
 
 # Standard deviations: of twenty parameters as stated, one run in 800 has one
 _MAX_DEVIATION_SD = 4.0

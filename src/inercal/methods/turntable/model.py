@@ -11,7 +11,10 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.keys import CoefficientName
+from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.attitude import (
     Misalignment,
     earth_rate_level_frame,
@@ -19,18 +22,15 @@ from inercal.benches.turntable.attitude import (
 )
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, MIN_REST_SECONDS
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gaussian, NullDirection
-from inercal.estimate.nullspace import row_echelon_form
-from inercal.keys import CoefficientName
+from inercal.estimation import Gaussian, NullDirection
+from inercal.estimation.nullspace import row_echelon_form
 from inercal.methods import temperature
 from inercal.methods.observability import direction_in_words
 from inercal.methods.turntable.drift import NO_DRIFT, Drift, drift_model
 from inercal.methods.turntable.terms import BIAS, Terms, terms
-from inercal.parameters import Parameter
-from inercal.recording import Track
-from inercal.sensors import G0, Sensor
-from inercal.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE
+from inercal.recordings import Track
 
 ARCSEC = radians(1 / 3600)
 EPOCH_PERIOD = 0.1  # s between epochs

@@ -20,19 +20,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import ErrorName
 from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_rate
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import Candidate
-from inercal.estimate.scores import Kind
-from inercal.frames import exp_so3, log_so3
-from inercal.keys import ErrorName
+from inercal.estimation import Candidate
+from inercal.estimation.scores import Kind
 from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, largest_angle
 from inercal.methods.turntable.model import TriadModel
-from inercal.motion import Motion
-from inercal.sensors import G0, Sensor
-from inercal.sensors.coefficient_tables import SI_UNITS, TABLES
+from inercal.physics.frames import exp_so3, log_so3
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.coefficient_tables import SI_UNITS, TABLES
 
 # Number of cosines that describe a slow change of a bias over the run: few, because the candidates
 # share the level, and a candidate of many columns takes a large part.

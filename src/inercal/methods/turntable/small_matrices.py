@@ -6,8 +6,8 @@ may overlap. Functions of arrays write the result to their last argument; functi
 return it.
 """
 
-from inercal.arrays import Array
-from inercal.estimate.kernel_options import kernel_step, kernel_value
+from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import kernel_step, kernel_value
 
 Vector = tuple[float, float, float]
 Matrix = tuple[float, float, float, float, float, float, float, float, float]

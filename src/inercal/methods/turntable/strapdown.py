@@ -7,8 +7,8 @@ rotation vector; φ(f, ω) of `terms` is called phi. Functions write results to 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate.kernel_options import kernel, kernel_step, kernel_value
+from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value
 from inercal.methods.turntable.small_matrices import (
     Matrix,
     Vector,
@@ -21,7 +21,7 @@ from inercal.methods.turntable.small_matrices import (
     write_row,
 )
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
-from inercal.recording import STAMP_ROUNDING
+from inercal.recordings import STAMP_ROUNDING
 
 Indices = NDArray[np.int64]
 # A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2 where its slope

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.motion import Motion
-from inercal.sensors import G0, Sensor
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, Sensor
 
 BASIS = 13
 BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ

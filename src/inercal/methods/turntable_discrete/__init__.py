@@ -16,11 +16,11 @@ from functools import partial
 
 import numpy as np
 
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian, Problem
-from inercal.estimate import least_squares as solve
+from inercal.estimation import Estimate, Gaussian, Problem
+from inercal.estimation import least_squares as solve
 from inercal.methods import mean_problem
 from inercal.methods._base import Method
 from inercal.methods.observability import require_observed
@@ -36,9 +36,9 @@ from inercal.methods.turntable_discrete.mean_motion import (
     stack_row_means,
     time_mean,
 )
-from inercal.plan import Position, Rotation, TableStep
-from inercal.recording import STAMP_ROUNDING, Observations, Track
-from inercal.sensors import Sensor
+from inercal.physics.plan import Position, Rotation, TableStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import STAMP_ROUNDING, Observations, Track
 
 _MIN_SAMPLES = 3  # samples of a row
 

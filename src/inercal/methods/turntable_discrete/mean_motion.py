@@ -15,15 +15,15 @@ from math import copysign, pi
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.earth import earth_rate_up_north
-from inercal.frames import log_so3
-from inercal.motion import Motion
-from inercal.parameters import Parameter
-from inercal.plan import Position, TableStep
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.frames import log_so3
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Position, TableStep
 
 _TURN_POINTS = 361  # points of one turn that is taken from the plan
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate.kalman import predict, update
-from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
+from inercal.basics.arrays import Array
+from inercal.estimation.kalman import predict, update
+from inercal.estimation.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
 from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms

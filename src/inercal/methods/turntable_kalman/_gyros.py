@@ -8,9 +8,9 @@ Rates are parabolas through the last three samples, with the second-order term o
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step, kernel_value
+from inercal.basics.arrays import Array
+from inercal.estimation.kalman import FilterSteps, store_covariance_rows, update
+from inercal.estimation.kernel_options import kernel, kernel_piece, kernel_step, kernel_value
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.small_matrices import (
     Vector,

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate.kalman import update
-from inercal.estimate.kernel_options import kernel_piece, kernel_step
+from inercal.basics.arrays import Array
+from inercal.estimation.kalman import update
+from inercal.estimation.kernel_options import kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import sum_drift_components
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 from inercal.methods.turntable.strapdown import (

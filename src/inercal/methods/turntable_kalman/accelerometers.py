@@ -16,10 +16,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import table_sensitivity
 from inercal.methods.turntable_kalman import _accelerometers
@@ -30,8 +30,8 @@ from inercal.methods.turntable_kalman._accelerometers import (
 )
 from inercal.methods.turntable_kalman.filter import TILT, Filter
 from inercal.methods.turntable_kalman.filtered_track import FilterPiece
-from inercal.recording import AngleQuality, Track
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import AngleQuality, Track
 
 # m/s, how far velocity at rest is known to be zero: far below the noise of any accelerometer, so
 # that innovations are as large as stated

@@ -6,12 +6,12 @@ from itertools import chain
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gaussian
-from inercal.estimate.lazy_value import LazyValue
-from inercal.estimate.scores import NO_SCORE_TESTS
+from inercal.estimation import Estimate, Gaussian
+from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.methods import temperature
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import filter_tests
@@ -30,9 +30,9 @@ from inercal.methods.turntable_kalman.innovations import (
     residual_group,
     variance_inflation,
 )
-from inercal.plan import TableStep
-from inercal.recording import Observations, Track
-from inercal.sensors import Sensor
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations, Track
 
 # Rejections a component, five times those of chance: of three components one epoch in 900 has one.
 _CHANCE_REJECTIONS = 2e-3

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import FilterHistory
-from inercal.estimate.kalman import FilterSteps, allocate_steps
-from inercal.estimate.lazy_value import LazyValue
+from inercal.estimation import FilterHistory
+from inercal.estimation.kalman import FilterSteps, allocate_steps
+from inercal.estimation.lazy_value import LazyValue
 from inercal.methods import temperature
 from inercal.methods.turntable import strapdown
 from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel, earth_rate_level_frame
@@ -34,8 +35,7 @@ from inercal.methods.turntable_kalman._filter_steps import (
 )
 from inercal.methods.turntable_kalman.filtered_track import FilteredTrack, FilterPiece, filter_track
 from inercal.methods.turntable_kalman.states import S
-from inercal.parameters import Parameter
-from inercal.recording import Track
+from inercal.recordings import Track
 
 Indices = NDArray[np.int64]
 _NONE = np.zeros(0)

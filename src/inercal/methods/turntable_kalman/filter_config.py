@@ -10,9 +10,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
-from inercal.errors import InputError
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman.accelerometers import (
@@ -21,8 +21,8 @@ from inercal.methods.turntable_kalman.accelerometers import (
     AccelerometerFilter,
 )
 from inercal.methods.turntable_kalman.gyros import ALIGNMENT_SD, GyroFilter
-from inercal.recording import Track
-from inercal.sensors import G0, Sensor
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Track
 
 FilterKind = Literal["w", "f"]
 FILTER_KINDS: tuple[FilterKind, ...] = ("w", "f")  # gyros, accelerometers

@@ -6,18 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import ModelTest, ScoreTestSet, score_tests
-from inercal.estimate.candidate_scores import rows_from_products
-from inercal.estimate.innovations import (
+from inercal.estimation import ModelTest, ScoreTestSet, score_tests
+from inercal.estimation.candidate_scores import rows_from_products
+from inercal.estimation.innovations import (
     epoch_groups,
     group_innovations,
     mean_and_whiteness_tests,
     standardised_innovations,
 )
-from inercal.estimate.kalman import FilterSteps
-from inercal.estimate.omitted_constants import OmittedSums, omitted_constant_sums
+from inercal.estimation.kalman import FilterSteps
+from inercal.estimation.omitted_constants import OmittedSums, omitted_constant_sums
 from inercal.methods import temperature
 from inercal.methods.turntable import score_columns as columns
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn, ConstantColumns
@@ -27,7 +27,7 @@ from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.filter import TILT, FilterEstimate
 from inercal.methods.turntable_kalman.filtered_track import FilteredTrack
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.recording import Observations, Track
+from inercal.recordings import Observations, Track
 
 _TIME_PARAMETERS = ("latency", "clock")
 _MAX_LATENCY_DEVIATION = 3.0  # standard deviations of the latency as stated

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Generic, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate import FilterHistory, SmoothedStates
-from inercal.estimate.kalman import FilterSteps, smooth_steps, start_smoother
+from inercal.basics.arrays import Array
+from inercal.estimation import FilterHistory, SmoothedStates
+from inercal.estimation.kalman import FilterSteps, smooth_steps, start_smoother
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_kalman.states import S, copy_state
-from inercal.recording import Track
+from inercal.recordings import Track
 
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter import Filter

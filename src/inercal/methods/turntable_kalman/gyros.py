@@ -18,12 +18,12 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
-from inercal.errors import InputError
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import ARCSEC, table_sensitivity
 from inercal.methods.turntable_kalman import _gyros
@@ -35,8 +35,8 @@ from inercal.methods.turntable_kalman._readback import (
 )
 from inercal.methods.turntable_kalman.filter import TILT, Filter
 from inercal.methods.turntable_kalman.filtered_track import FilterPiece
-from inercal.recording import STAMP_ROUNDING, Track
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import STAMP_ROUNDING, Track
 
 _LATENCY_COVERAGE = 4.0  # standard deviations
 # s; a more uncertain delay is not of first order while the table accelerates.

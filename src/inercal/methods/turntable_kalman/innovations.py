@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from inercal.arrays import Array
-from inercal.estimate import FilterHistory, ResidualGroup
-from inercal.estimate.residual_scatter import ScatterModel
+from inercal.basics.arrays import Array
+from inercal.estimation import FilterHistory, ResidualGroup
+from inercal.estimation.residual_scatter import ScatterModel
 from inercal.methods.turntable.model import TriadModel
 from inercal.methods.turntable_kalman.filter_tests import InnovationTestData
-from inercal.recording import Observations
+from inercal.recordings import Observations
 
 _CONFIDENCE_LEVEL = 0.95
 # Of the expected NIS: noise is seldom known to 5 %, and a small overstatement is harmless

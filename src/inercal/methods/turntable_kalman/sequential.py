@@ -10,7 +10,7 @@ from math import inf
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 from inercal.benches.turntable.simulation import turntable_path_duration
-from inercal.estimate import Gaussian
+from inercal.estimation import Gaussian
 from inercal.methods._base import PartialEstimate
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman.combined_estimate import split_priors
@@ -20,9 +20,9 @@ from inercal.methods.turntable_kalman.filter_config import (
     FILTER_KINDS,
     FilterConfig,
 )
-from inercal.plan import TableStep
-from inercal.recording import Track, join_tracks
-from inercal.sensors import Sensor
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Track, join_tracks
 
 _AnyRunningFilter = (
     RunningFilter[_readback.AttitudeState] | RunningFilter[_accelerometers.VelocityState]

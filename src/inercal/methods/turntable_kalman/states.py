@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 
 _SCALAR_FIELDS = ("nis", "dof")  # of a state; all else is an array

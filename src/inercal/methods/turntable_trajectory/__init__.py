@@ -17,13 +17,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
-from inercal.errors import InputError
-from inercal.estimate import Candidate, Estimate, Gaussian, ModelTest, Problem
-from inercal.estimate import least_squares as solve
-from inercal.estimate.innovations import epoch_groups, group_innovations, residual_mean_test
+from inercal.estimation import Candidate, Estimate, Gaussian, ModelTest, Problem
+from inercal.estimation import least_squares as solve
+from inercal.estimation.innovations import epoch_groups, group_innovations, residual_mean_test
 from inercal.methods import mean_problem, temperature
 from inercal.methods._base import Method
 from inercal.methods.turntable import (
@@ -36,9 +36,9 @@ from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable.score_columns import ConstantColumn
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows, parameters
-from inercal.plan import TableStep
-from inercal.recording import Observations, Track
-from inercal.sensors import Sensor
+from inercal.physics.plan import TableStep
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Observations, Track
 
 Indices = NDArray[np.int64]
 # Whitening depends on the coefficients and sums many increments: a smaller fall of χ² is rounding.

@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate.kalman import predict
-from inercal.estimate.kernel_options import kernel_step
+from inercal.basics.arrays import Array
+from inercal.estimation.kalman import predict
+from inercal.estimation.kernel_options import kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.small_matrices import copy_matrix, product

@@ -16,8 +16,8 @@ with noise of the variance −γ σ², which is how filters take account of it.
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.estimate.kernel_options import kernel_step
+from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import kernel_step
 from inercal.methods.turntable.strapdown import (
     MAX_STEP_RATIO,
     PARABOLA_ERROR,

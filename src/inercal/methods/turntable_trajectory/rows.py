@@ -20,22 +20,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_rate
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
-from inercal.errors import InputError
-from inercal.frames import log_so3, skew
 from inercal.methods import temperature
+from inercal.methods.residuals import vector_residuals
 from inercal.methods.turntable import model, score_columns, strapdown
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn
 from inercal.methods.turntable_trajectory import _kernels
 from inercal.methods.turntable_trajectory.rate_bends import rate_bends
-from inercal.motion import Motion
-from inercal.observe import vector_residuals
-from inercal.parameters import Parameter
-from inercal.recording import STAMP_ROUNDING, Track
+from inercal.physics.frames import log_so3, skew
+from inercal.physics.motion import Motion
+from inercal.recordings import STAMP_ROUNDING, Track
 
 Indices = NDArray[np.int64]
 _AVERAGING_TIME = 1.0  # s of rest that make one mean

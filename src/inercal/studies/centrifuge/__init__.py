@@ -4,7 +4,7 @@ Each module takes one question: what comes out, and the section of the page that
 words, and the claims that it judges, stand in the TOML file of the section's name.
 """
 
-from inercal.parallel import Executor
+from inercal.basics.parallel import Executor
 from inercal.studies.centrifuge import (
     bench_effects,
     efficiency,

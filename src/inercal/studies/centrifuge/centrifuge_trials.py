@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.studies.centrifuge.simulated_centrifuge import (
     TRUTH,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.arm_plans import RATES
 from inercal.studies.centrifuge.centrifuge_trials import CentrifugeTrials

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import closed_formulas, ml
 from inercal.studies.centrifuge import simulated_centrifuge
 from inercal.studies.centrifuge.simulated_centrifuge import (

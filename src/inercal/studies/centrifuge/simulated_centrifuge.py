@@ -12,18 +12,18 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.units import Measured
 from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.earth import EARTH_RATE
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.methods.centrifuge_norm import closed_formulas, ml
 from inercal.methods.centrifuge_norm.arm_plans import RATES, plan
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import Readout, Sensor, triad
-from inercal.units import Measured
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import Readout, Sensor, triad
+from inercal.recordings import Observations
 
 G = 9.8  # m/s², the source's unit of g
 NOISE = 1e-5  # V, of each reading, as the source states

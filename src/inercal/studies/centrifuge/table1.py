@@ -6,8 +6,8 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.estimate import Cauchy, least_squares
+from inercal.basics.arrays import Array
+from inercal.estimation import Cauchy, least_squares
 from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.methods.centrifuge_norm.screening import SuspectRow, screen_rows
 from inercal.studies.centrifuge import simulated_centrifuge

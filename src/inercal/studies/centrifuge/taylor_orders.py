@@ -9,7 +9,7 @@ from math import comb
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.studies.centrifuge.simulated_centrifuge import TRUTH, G, dwell_force, outputs, steps
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text

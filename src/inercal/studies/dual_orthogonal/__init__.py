@@ -7,7 +7,7 @@ its name.
 
 from functools import partial
 
-from inercal.parallel import Executor
+from inercal.basics.parallel import Executor
 from inercal.studies.dual_orthogonal import (
     cardinal_points,
     error_allocation,

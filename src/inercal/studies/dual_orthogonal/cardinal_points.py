@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, position_plan, sensed_motion
 from inercal.methods.dual_orthogonal.four_points import four_points
-from inercal.motion import Motion
-from inercal.sensors import G0
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0
 from inercal.studies.claim import format_significant
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.studies.claim import format_significant
 from inercal.studies.dual_orthogonal.simulated_head import (

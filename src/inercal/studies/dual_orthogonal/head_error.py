@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.studies.claim import format_significant
 from inercal.studies.dual_orthogonal.simulated_head import rms_ratio
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors

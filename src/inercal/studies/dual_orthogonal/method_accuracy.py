@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from inercal.estimate import Estimate
+from inercal.estimation import Estimate
 from inercal.studies.claim import format_significant
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,

@@ -11,7 +11,9 @@ from zlib import crc32
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import Measured
 from inercal.benches.dividing_head.bench import (
     CollimationMode,
     DividingHead,
@@ -20,13 +22,11 @@ from inercal.benches.dividing_head.bench import (
     position_plan,
     sensed_motion,
 )
-from inercal.estimate import Estimate, Gaussian
-from inercal.keys import CoefficientName
-from inercal.motion import Motion
-from inercal.recording import Observations
-from inercal.sensors import G0
+from inercal.estimation import Estimate, Gaussian
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0
+from inercal.recordings import Observations
 from inercal.studies.rms import Rms
-from inercal.units import Measured
 
 ARCSEC = pi / 648_000  # rad
 MICRO = 1e-6

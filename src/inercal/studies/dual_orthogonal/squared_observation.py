@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
 from inercal.methods.dual_orthogonal import g_squared
-from inercal.sensors import G0
+from inercal.physics.sensors import G0
 from inercal.studies.claim import format_significant
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
 from inercal.benches.dividing_head.bench import Index, position_plan
 from inercal.benches.dividing_head.passes import matches_any_angle
-from inercal.errors import NotObserved
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.studies.claim import format_significant
 from inercal.studies.dual_orthogonal.simulated_head import JUDGED_COLUMNS, NOISE, rms_ratio

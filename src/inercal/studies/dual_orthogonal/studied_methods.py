@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import CollimationMode, Index
-from inercal.estimate import Estimate, Gaussian
+from inercal.estimation import Estimate, Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,

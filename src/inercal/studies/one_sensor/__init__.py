@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inercal.basics.parallel import Executor, in_order
 from inercal.calibration import Calibration
-from inercal.comparison import compare
-from inercal.io.write import write_recordings
-from inercal.parallel import Executor, in_order
+from inercal.calibration.comparison import compare
 from inercal.pipeline import calibrate, simulate_files
+from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import build_study, read_section_text

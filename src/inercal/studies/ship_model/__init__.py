@@ -7,7 +7,7 @@ claims of a section are in the TOML file of its name.
 
 from itertools import islice
 
-from inercal.parallel import Executor, in_order
+from inercal.basics.parallel import Executor, in_order
 from inercal.studies.section_texts import build_study
 from inercal.studies.ship_model import (
     equation_rank,

@@ -6,14 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.benches.rate_table.fixture import TiltAxis, TiltConvention, multi_angle_plan
-from inercal.frames import exp_so3
 from inercal.methods.ship_multi_angle.free_norm_directions import FreeDirections, free_directions
 from inercal.methods.ship_multi_angle.norm_equations import (
     norm_jacobian,
     norm_residuals,
     rotation_directions,
 )
-from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel
+from inercal.physics.frames import exp_so3
+from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.estimators import EstimatorComparison

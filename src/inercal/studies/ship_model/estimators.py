@@ -6,10 +6,10 @@ from functools import partial
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norm_equations import norm_jacobian, norm_residuals
-from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel
+from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.simulated_rate_table import (

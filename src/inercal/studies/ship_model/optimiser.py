@@ -15,7 +15,7 @@ from inercal.methods.ship_multi_angle.global_search import (
 )
 from inercal.methods.ship_multi_angle.norm_equations import damped_solution
 from inercal.methods.ship_planar import fit_level_states
-from inercal.sensors.affine import AffineModel
+from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.simulated_rate_table import (

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.rate_table.fixture import PLANES, RPM, planar_plan
 from inercal.methods.ship_planar import fit_level_states
-from inercal.sensors.affine import AffineModel
+from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison

@@ -19,9 +19,9 @@ from math import pi, radians
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.frames import exp_so3
-from inercal.sensors import G0
+from inercal.basics.arrays import Array
+from inercal.physics.frames import exp_so3
+from inercal.physics.sensors import G0
 
 _COMPONENTS = 60
 _FREQUENCY_BAND = (0.6, 1.8)  # of ω_p; a model does not follow waves much shorter than itself

@@ -13,7 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import Measured
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import (
     FAST_SPEED_RPM,
@@ -22,14 +24,12 @@ from inercal.benches.rate_table.fixture import (
     multi_angle_plan,
     planar_plan,
 )
-from inercal.estimate import Estimate
-from inercal.keys import CoefficientName
-from inercal.motion import Motion
-from inercal.plan import Spin
-from inercal.recording import Observations
-from inercal.sensors import G0, triad
-from inercal.sensors.affine import AffineModel, to_affine
-from inercal.units import Measured
+from inercal.estimation import Estimate
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, triad
+from inercal.physics.sensors.affine import AffineModel, to_affine
+from inercal.recordings import Observations
 
 SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")
 RADIUS = 0.25  # m

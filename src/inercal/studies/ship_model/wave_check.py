@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.sensors import G0
+from inercal.basics.arrays import Array
+from inercal.physics.sensors import G0
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison

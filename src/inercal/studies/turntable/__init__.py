@@ -5,7 +5,7 @@ illegible in our copy, so the study simulates a table. Each module computes one 
 section of the page; the text and the claims of a section are in the TOML file of its name.
 """
 
-from inercal.parallel import Executor
+from inercal.basics.parallel import Executor
 from inercal.studies.section_texts import build_study
 from inercal.studies.study_content import MessageCallback, Study
 from inercal.studies.turntable import duration, failures, printed_accuracy, state_models

@@ -5,8 +5,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
-from inercal.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
 from inercal.studies.rms import Rms, rms
 from inercal.studies.turntable.simulated_turntable import ARCSEC, DEG_MIN, MICRO_G, PPM, SENSOR
 from inercal.studies.turntable.studied_filters import FilterErrors

@@ -4,7 +4,7 @@ from math import sqrt
 
 import numpy as np
 
-from inercal.sensors import G0
+from inercal.physics.sensors import G0
 from inercal.studies.claim import ClaimResult, format_significant
 from inercal.studies.rms import Rms
 from inercal.studies.section_texts import read_section_text

@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import Measured
 from inercal.benches import Turntable
 from inercal.benches.turntable.simulation import simulate_turntable_motion
-from inercal.keys import CoefficientName
-from inercal.motion import Motion
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Position, TableStep
+from inercal.physics.sensors import G0, Noise, Sensor
+from inercal.physics.sensors.catalogue import imu
 from inercal.pipeline.run_simulation import read_out
-from inercal.plan import Position, TableStep
-from inercal.recording import Observations, Track
-from inercal.sensors import G0, Noise, Sensor
-from inercal.sensors.catalogue import imu
-from inercal.units import Measured
+from inercal.recordings import Observations, Track
 
 RATE_HZ = 100.0
 ARCSEC = pi / 648_000  # rad

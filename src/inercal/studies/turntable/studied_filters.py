@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.paths import discrete_path
-from inercal.estimate import FilterHistory
+from inercal.estimation import FilterHistory
 from inercal.methods.turntable_discrete import least_squares
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
 from inercal.studies.turntable.simulated_turntable import (
     ASSUMED_TABLE,
     SENSOR,

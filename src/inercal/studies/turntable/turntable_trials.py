@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from inercal.basics.parallel import Executor, SerialExecutor, in_order
 from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
 from inercal.methods.turntable import model
-from inercal.parallel import Executor, SerialExecutor, in_order
 from inercal.studies.study_content import MessageCallback
 from inercal.studies.turntable.simulated_turntable import (
     DEG_MIN,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.attitude import body_rates
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.implied_rates import (
@@ -27,8 +27,8 @@ from inercal.benches.turntable.reading.implied_rates import (
     local_offsets,
     table_rates,
 )
-from inercal.recording import GAP_FACTOR, Finding, Track
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import GAP_FACTOR, Finding, Track
 
 _PIECE = 1 << 19  # samples
 _MARGIN = 60.0  # s beside a piece: a change of rate is shorter

@@ -14,14 +14,14 @@ from math import atan2, degrees, hypot, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.implied_rates import fit_track_rates
-from inercal.earth import EARTH_RATE
-from inercal.errors import InputError
-from inercal.recording import Finding, Track
-from inercal.sensors import G0, Sensor
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Finding, Track
 
 _AXES = 3
 _CLEAR, _ODD = 100.0, 30.0  # χ² of three components

@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
-from inercal.recording import GAP_FACTOR, Track, sample_count
-from inercal.sensors import G0, Sensor
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import GAP_FACTOR, Track, sample_count
 
 MAX_SOUND_COST = 30.0
 """Largest cost of a sound sensor."""

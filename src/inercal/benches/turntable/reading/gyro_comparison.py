@@ -30,15 +30,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.readback_increments import (
     Increments,
     KnotSpacing,
     find_increments,
 )
-from inercal.recording import Finding, Track, join_tracks
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Track, join_tracks
 
 Kind = Literal["step", "drift", "delay", "noise"]
 _WINDOW = 10.0  # s

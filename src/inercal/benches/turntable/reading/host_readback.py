@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.io.hdf5 import ISOLATION, Group, read_group
-from inercal.io.isolation import read_isolated
-from inercal.recording import AngleQuality, Finding, Recording
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.recordings import AngleQuality, Finding, Recording
+from inercal.recordings.io.hdf5 import ISOLATION, Group, read_group
+from inercal.recordings.io.isolation import read_isolated
 
 BENCH_GROUP = "bench"
 POLLS, IMPLAUSIBLE_POLLS = "polls", "polls left out as implausible"

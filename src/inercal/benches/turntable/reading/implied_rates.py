@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.attitude import body_rates
 from inercal.benches.turntable.bench import Turntable
-from inercal.recording import GAP_FACTOR
+from inercal.recordings import GAP_FACTOR
 
 _HALF = 0.02  # s, half a window
 _CHANGING = 0.1  # of the largest change of rate

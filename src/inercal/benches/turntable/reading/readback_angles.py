@@ -7,7 +7,9 @@ from math import pi
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured, format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.host_readback import (
     HostReadback,
@@ -22,14 +24,16 @@ from inercal.benches.turntable.reading.readback_clock import (
     align_readback,
 )
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
-from inercal.data import Source
-from inercal.data.recording_loader import file_reader_options, readback_fields, readback_units
-from inercal.errors import InputError
-from inercal.io.audit import gap_findings
-from inercal.io.read import Columns, read_readback
-from inercal.recording import AngleQuality, Finding, Recording
-from inercal.section_settings import si_value
-from inercal.units import Measured, format_quantity
+from inercal.physics.section_settings import si_value
+from inercal.recordings import AngleQuality, Finding, Recording
+from inercal.recordings.data import Source
+from inercal.recordings.data.recording_loader import (
+    file_reader_options,
+    readback_fields,
+    readback_units,
+)
+from inercal.recordings.io.audit import gap_findings
+from inercal.recordings.io.read import Columns, read_readback
 
 # The clocks are compared by the same turns that the filter uses. The filter has larger deviations
 # than were found, so that these turns do not count twice.

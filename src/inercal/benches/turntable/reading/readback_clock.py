@@ -14,7 +14,8 @@ from math import sqrt
 import numpy as np
 import scipy
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.implied_rates import (
     LocalOffsets,
@@ -24,7 +25,6 @@ from inercal.benches.turntable.reading.implied_rates import (
     local_offsets,
     table_rates,
 )
-from inercal.errors import InputError
 
 MAX_CLOCK_OFFSET = 1.0  # s, of the offset
 MAX_CLOCK_DRIFT = 1e-3  # of the relative rate of the clocks

@@ -9,10 +9,10 @@ from math import inf, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
 from inercal.benches.turntable.attitude import axis_directions, body_rates, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.recording import GAP_FACTOR, Track
+from inercal.recordings import GAP_FACTOR, Track
 
 KNOT = 0.05  # s
 _HALF = 0.02  # s, half of the span of a rate

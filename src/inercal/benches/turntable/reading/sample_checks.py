@@ -11,11 +11,11 @@ from math import degrees, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
-from inercal.errors import InputError
-from inercal.recording import Finding, Recording, Track, sample_count
-from inercal.segments.attitudes import INVALID_SAMPLES
-from inercal.sensors import G0, Sensor
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Finding, Recording, Track, sample_count
+from inercal.recordings.segments.attitudes import INVALID_SAMPLES
 
 _TURNING = radians(1)  # rad/s
 _LASTING = 1.0  # s that gyros measure a turn while the readback is constant

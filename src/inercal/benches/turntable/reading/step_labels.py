@@ -8,11 +8,11 @@ from collections.abc import Container, Sequence
 from dataclasses import replace
 from math import pi, radians
 
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.settings import TurntableData
-from inercal.data import Source
-from inercal.errors import InputError
-from inercal.plan import Position, Rotation, TableStep, table_steps
-from inercal.recording import Finding
+from inercal.physics.plan import Position, Rotation, TableStep, table_steps
+from inercal.recordings import Finding
+from inercal.recordings.data import Source
 
 _NEAR = radians(1)  # of a planned angle
 _TURN_TOLERANCE = 0.05  # of a planned turn

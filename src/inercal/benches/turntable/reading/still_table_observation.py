@@ -12,22 +12,22 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array, true_ranges
+from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_quantity
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.settings import TurntableData
 from inercal.benches.turntable.still_table import StillTable
-from inercal.data import EstimatorInput, Source
-from inercal.data.recording_loader import load_recording
-from inercal.errors import InputError
-from inercal.io.audit import require_accepted
-from inercal.io.rest_norm import audit_rest_norm
-from inercal.plan import Hold, Position
-from inercal.recording import Finding, Mark, Recording, Track, sample_count
-from inercal.section_settings import key_error
-from inercal.segments import observe as averaged
-from inercal.segments.attitudes import INVALID_SAMPLES
-from inercal.sensors import Sensor
-from inercal.units import format_quantity
+from inercal.physics.plan import Hold, Position
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Mark, Recording, Track, sample_count
+from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data.recording_loader import load_recording
+from inercal.recordings.io.audit import require_accepted
+from inercal.recordings.io.rest_norm import audit_rest_norm
+from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments.attitudes import INVALID_SAMPLES
 
 Indices = NDArray[np.int64]
 _WINDOW = 0.2  # s

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import motion, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.exchange_fits import (
@@ -26,9 +27,8 @@ from inercal.benches.turntable.reading.exchange_fits import (
 )
 from inercal.benches.turntable.reading.host_readback import Interruption, are_interrupted
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS as WITHOUT
-from inercal.errors import InputError
-from inercal.recording import GAP_FACTOR, Finding, Track
-from inercal.sensors import Sensor
+from inercal.physics.sensors import Sensor
+from inercal.recordings import GAP_FACTOR, Finding, Track
 
 _STILL = 1e-3  # rad; every usable run turns more, in any unit
 _TURNS = radians(1)  # rad/s that gyros read beyond their bias where a table turns

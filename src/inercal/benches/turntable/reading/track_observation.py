@@ -8,7 +8,9 @@ from math import degrees, pi, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
@@ -41,28 +43,26 @@ from inercal.benches.turntable.rest_timing import (
     settling_time,
 )
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
-from inercal.data import EstimatorInput, Source
-from inercal.data.recording_loader import (
+from inercal.physics.plan import Position, Rotation, TableStep
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import Sensor
+from inercal.recordings import AngleQuality, Finding, Mark, Recording, Track
+from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data.recording_loader import (
     load_recording,
     readback_columns,
     require_distinct_columns,
 )
-from inercal.errors import InputError
-from inercal.plan import Position, Rotation, TableStep
-from inercal.recording import AngleQuality, Finding, Mark, Recording, Track
-from inercal.section_settings import key_error
-from inercal.segments import (
+from inercal.recordings.segments import (
     AxisTurn,
     find_holds,
     find_turns,
     holds_from_numbers,
     select_long_holds,
 )
-from inercal.segments import (
+from inercal.recordings.segments import (
     observe as averaged,
 )
-from inercal.sensors import Sensor
-from inercal.units import format_quantity
 
 Indices = NDArray[np.int64]
 _WIDEST = 0.05  # s

@@ -8,7 +8,7 @@ import { notice } from "./notice.js";
 import { ofDevice } from "./store.js";
 
 const TWICE = 1000; // ms
-const OFF = "inercal.keys-off";
+const OFF = "inercal.basics.keys-off";
 
 /** Listen; what keys do is what the buttons do. */
 export function listen(controls) {

@@ -1,0 +1,1 @@
+"""What every room uses: errors, units, names, files, settings and processes."""

@@ -1,0 +1,262 @@
+"""Files that are written completely or not at all, and never over anything but a regular file.
+
+Until a file is complete it lies in a hidden folder beside its place. A program that is killed
+leaves the folder, without the lock that it had: the next one that writes there removes it.
+"""
+
+import os
+import re
+import shutil
+import stat
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from importlib import import_module
+from pathlib import Path
+from typing import IO, Any
+from uuid import uuid4
+
+from inercal.basics.errors import InputError
+from inercal.basics.visible_text import visible_text
+
+_PART = ".part"  # suffix of folders of files that are being written
+_LOCK = ".being-written"
+_LEFT_NAME = re.compile(rf"\.[0-9a-f]{{32}}{re.escape(_PART)}")
+_looked_through: set[Path] = set()
+_written: ContextVar[list[Path] | None] = ContextVar("written", default=None)
+
+
+@contextmanager
+def written_files() -> Generator[list[Path]]:
+    """Yield a list of the files that are written in the block, as they are named."""
+    files: list[Path] = []
+    token = _written.set(files)
+    try:
+        yield files
+    finally:
+        _written.reset(token)
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
+    """Yield a temporary path in the folder of `path`; rename it to `path` when the block succeeds.
+
+    A reader sees the old file or the new file. A block that fails leaves the old file unchanged.
+    A symbolic link stays; the file that it names is written. A missing folder is made.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or written, the disk is full, or `path` is a folder, a
+        device, a FIFO, a socket or a loop of symbolic links.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> target = Path(tempfile.mkdtemp()) / "result.txt"
+    >>> with atomic_write(target) as temporary:
+    ...     _ = temporary.write_text("done")
+    >>> target.read_text()
+    'done'
+    """
+    target = writable_target(path)
+    with _parent_folder(target), _part_folder(target) as folder:
+        # Opened by the caller under the user's umask, which tempfile would override with 0600.
+        temporary = folder / target.name
+        try:
+            yield temporary
+            _replace(temporary, target, Path(path))
+        except OSError as error:
+            if error.filename in (None, str(temporary), str(target), temporary, target):
+                raise _write_error(target, error) from error
+            raise
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+    """Write a UTF-8 text file completely or not at all; return its path.
+
+    Raises
+    ------
+    InputError
+        As `atomic_write` raises it.
+    """
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+@contextmanager
+def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
+    """Yield temporary paths for files of one folder; rename all when the block succeeds.
+
+    A block that fails leaves all files unchanged. A file that the block does not write keeps its
+    old content. A missing folder is made.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written, or one of the paths is no regular file.
+    """
+    named, targets = targets, [writable_target(target) for target in targets]
+    with _parent_folder(targets[0]), _part_folder(targets[0]) as folder:
+        parts = [folder / target.name for target in targets]
+        yield parts
+        for part, target, name in zip(parts, targets, named, strict=True):
+            if part.exists():
+                _replace(part, target, name)
+
+
+@contextmanager
+def _part_folder(target: Path) -> Generator[Path]:
+    """Make a folder for a file until it is complete, and remove those that nobody writes to."""
+    _remove_left_folders(target.parent)
+    try:
+        folder, lock = _make_part_folder(target.parent)
+    except OSError as error:
+        raise _write_error(target, error) from error
+    try:
+        with lock:
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _make_part_folder(parent: Path) -> tuple[Path, IO[bytes]]:
+    """Return a new folder, and its lock, which the system releases when this program ends."""
+    while True:
+        folder = parent / f".{uuid4().hex}{_PART}"
+        folder.mkdir()
+        # Until it is locked, another program may take it for one that was left.
+        with suppress(FileNotFoundError):
+            lock = (folder / _LOCK).open("wb")
+            if _lock(lock) is not False and (folder / _LOCK).exists():
+                return folder, lock
+            lock.close()
+
+
+def _remove_left_folders(parent: Path) -> None:
+    """Remove the folders of programs that were killed, once in the life of this one."""
+    if parent in _looked_through:
+        return
+    _looked_through.add(parent)
+    for folder in parent.glob(f".*{_PART}"):
+        if _LEFT_NAME.fullmatch(folder.name):
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
+            with suppress(OSError), (folder / _LOCK).open("r+b") as lock:
+                if _lock(lock):
+                    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _lock(file: IO[bytes]) -> bool | None:
+    """Lock a file; return False where another program has, None where there are no locks."""
+    try:
+        fcntl: Any = import_module("fcntl")
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except (ImportError, OSError):  # a system, or a store of files, without such locks
+        return None
+    return True
+
+
+@contextmanager
+def _parent_folder(target: Path) -> Generator[None]:
+    """Make the folder of a file, and remove it again where the block fails."""
+    missing = [folder for folder in target.parents if not folder.exists()]
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _write_error(target, error) from None
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for folder in missing:  # the innermost first
+                folder.rmdir()
+        raise
+
+
+def keep_previous(path: Path) -> None:
+    """Keep a copy of a file that is to be replaced, as `NAME.previous`; none where there is none.
+
+    Raises
+    ------
+    InputError
+        The copy cannot be written.
+    """
+    if not path.exists():
+        return
+    with atomic_write(path.with_name(f"{path.name}.previous")) as part:
+        shutil.copy2(path, part)
+
+
+def _replace(part: Path, target: Path, name: Path) -> None:
+    os.replace(part, target)
+    files = _written.get()
+    if files is not None and name not in files and target.parent.suffix != _PART:
+        files.append(name)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder to write to, where it does not exist.
+
+    Raises
+    ------
+    InputError
+        It cannot be created.
+    """
+    require_plain_name(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: the folder cannot be created: {error.strerror}; give another folder",
+            file=folder,
+            key="--out",
+        ) from None
+
+
+def writable_target(path: str | os.PathLike[str]) -> Path:
+    """Return the file that a write to `path` replaces or creates; links are followed.
+
+    Raises
+    ------
+    InputError
+        It is a folder, a device, a FIFO, a socket or a loop of symbolic links, or its name is too
+        long or has a control character or bytes that are not UTF-8.
+    """
+    target = path = Path(path)
+    require_plain_name(path)
+    try:
+        if path.is_symlink():
+            target = Path(os.path.realpath(path))
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return target
+    except OSError as error:
+        raise _write_error(path, error) from None
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
+        raise InputError(f"{path} is {kind}; name a file to write", file=path)
+    return target
+
+
+def require_plain_name(path: Path) -> None:
+    """Refuse a name of a file or folder to write that not every program can print.
+
+    Raises
+    ------
+    InputError
+        It has control characters, or bytes that are not UTF-8.
+    """
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        raise InputError(f"{path}: a name to write to must be UTF-8", file=path) from None
+    if visible_text(str(path)) != str(path):
+        raise InputError(f"{path}: a name to write to must not have control characters", file=path)
+
+
+def _write_error(target: Path, error: OSError) -> InputError:
+    return InputError(f"{target} cannot be written: {error.strerror or error}", file=target)

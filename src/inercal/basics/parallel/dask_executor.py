@@ -1,0 +1,360 @@
+"""Tasks on a Dask cluster, by the address of its scheduler."""
+
+import logging
+import re
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import version
+from queue import Empty, SimpleQueue
+from threading import Thread
+from typing import Any
+
+from inercal.basics.errors import InercalError, InputError, require_installed
+from inercal.basics.parallel import Settled, Task, TimeExceeded, TolerantExecutor, WorkerLost
+from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
+
+_LOGGERS = ("distributed", "distributed.client", "distributed.utils", "distributed.core")
+_ADDRESS = re.compile(r"(tcp|tls)://([^\s/:@\[\]]+|\[[0-9a-fA-F:.%]+\]):(?P<port>\d{1,5})")
+_TIMEOUT = 10.0  # s, for the answer of a scheduler
+_RESTART = 60.0  # s, of a worker
+_SETTINGS = {
+    # A task whose worker died is not tried again: who submitted it decides.
+    "distributed.scheduler.allowed-failures": 0,
+    # A worker holds one task more than it computes: few are lost with it.
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.worker.profile.enabled": False,
+}
+
+
+def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
+    """Return an executor on the cluster at an address.
+
+    Parameters
+    ----------
+    address : str
+        "tcp://host:8786" or "tls://host:8786".
+    workers : int, optional
+        Refused, as the cluster has its own.
+
+    Raises
+    ------
+    InputError
+        No scheduler at the address, no certificates for "tls://", no worker or workers of another
+        version of inercal, or a number of workers.
+    MissingExtra
+        Dask is not installed.
+    """
+    if (found := _ADDRESS.fullmatch(address)) is None or not 0 < int(found["port"]) < 1 << 16:
+        raise InputError(
+            f"--scheduler {address}: give tcp://HOST:PORT, tls://HOST:PORT or local",
+            key="--scheduler",
+        )
+    if workers is not None:
+        raise InputError(
+            f"--workers {workers}: the cluster at {address} has its own workers; leave one of "
+            "--workers and --scheduler out",
+            key="--workers",
+        )
+    require_installed("fleet", "a Dask cluster needs distributed", ("distributed",))
+    try:
+        dask: Any = import_module("dask.config")
+        distributed: Any = import_module("distributed")
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"Dask's settings cannot be read: {reason}", key="--scheduler") from None
+    for name in _LOGGERS:  # who submitted a task reports its loss, once
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    with dask.set(_SETTINGS):
+        client = _connected_client(distributed, address)
+    executor = DaskExecutor(client)
+    try:
+        executor.require_same_version()
+    except BaseException:
+        executor.close()
+        raise
+    return executor
+
+
+def _connected_client(distributed: Any, address: str) -> Any:
+    """Return a client of a scheduler.
+
+    Raises
+    ------
+    InputError
+        None answers, or the certificates for it are missing or wrong.
+    """
+    security = distributed.Security()  # by the settings of Dask
+    if address.startswith("tls://"):
+        _require_certificates(security, address)
+    found: SimpleQueue[Any] = SimpleQueue()
+    # One that could not connect would wait for its own end when it is deleted, and complain.
+    kind: Any = type("Client", (distributed.Client,), {"__del__": lambda _self: None})  # pyright: ignore[reportUnknownLambdaType]
+
+    def connect() -> None:
+        try:
+            options = {"timeout": _TIMEOUT, "set_as_default": False, "security": security}
+            found.put(kind(address, **options))
+        except Exception as error:  # of a wrong certificate, too: of more than one type
+            found.put(error)
+
+    # In a thread: Dask waits without end for a scheduler that accepts a connection and is silent.
+    Thread(target=connect, daemon=True).start()
+    try:
+        client = found.get(timeout=2 * _TIMEOUT)
+    except Empty:
+        client = TimeoutError()
+    if isinstance(client, Exception):
+        raise InputError(
+            f"--scheduler {address}: no Dask scheduler answers ({type(client).__name__}); start "
+            "one by `dask scheduler`, and check address and certificates",
+            key="--scheduler",
+        )
+    return client
+
+
+def _require_certificates(security: Any, address: str) -> None:
+    stated: dict[str, Any] = security.get_tls_config_for_role("client")
+    names = {"ca_file": "ca-file", "cert": "client.cert", "key": "client.key"}
+    if missing := [setting for key, setting in names.items() if not stated.get(key)]:
+        settings = ", ".join(f"distributed.comm.tls.{name}" for name in missing)
+        raise InputError(
+            f"--scheduler {address}: tls needs certificates; state {settings} in Dask's settings "
+            "(~/.config/dask/*.yaml, or DASK_DISTRIBUTED__COMM__TLS__…)",
+            key="--scheduler",
+        )
+
+
+class SchedulerLost(InercalError):
+    """The scheduler of a cluster has ended."""
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A step that has begun, and the worker that computes it."""
+
+    task: int
+    number: int
+    worker: str
+
+
+class DaskExecutor(TolerantExecutor):
+    """Runs tasks on the workers of a Dask cluster.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    """
+
+    def __init__(self, client: Any):
+        self._client = client
+        self._address = client.scheduler.address
+        self._topic = f"inercal-{client.id}"
+        self._news: SimpleQueue[Any] = SimpleQueue()  # futures that have ended, steps that begin
+        self._open: dict[int, Any] = {}
+        self._tasks: dict[int, Task] = {}  # those that are open
+        self._indices: dict[str, int] = {}  # by key of the future
+        self._steps: dict[int, tuple[_Step, float]] = {}
+        self._stopped_workers: set[str] = set()
+        self._waiting: list[Task] = []  # accepted, and not sent yet
+        self._count = 0
+        self._clock = AwakeClock()
+        self.dashboard = str(client.dashboard_link)
+        client.subscribe_topic(self._topic, self._note_step)
+
+    @property
+    def workers(self) -> int:
+        """Workers that the cluster has now, at least one."""
+        return max(len(self._client.scheduler_info()["workers"]), 1)
+
+    def require_same_version(self) -> None:
+        """Refuse workers of another version of inercal, and a cluster without workers.
+
+        Raises
+        ------
+        InputError
+            With the versions.
+        SchedulerLost
+            The scheduler has ended meanwhile.
+        """
+        own, address = version("inercal"), self._address
+        try:
+            found: dict[str, Any] = self._client.run(version, "inercal", on_error="return")
+        except Exception as error:  # of a scheduler that is gone, of more than one type
+            raise self._scheduler_lost() from error
+        if not found:
+            raise InputError(
+                f"--scheduler {address}: the cluster has no worker; start one by `dask worker "
+                f"{address}`",
+                key="--scheduler",
+            )
+        # One that ends just now is as lost as one that ends later.
+        answers = [one for one in found.values() if not isinstance(one, OSError)]
+        texts = {one if isinstance(one, str) else "none" for one in answers}
+        if other := sorted(texts - {own}):
+            raise InputError(
+                f"--scheduler {address}: its workers have inercal {', '.join(other)}, this is "
+                f"{own}; install the same version on all",
+                key="--scheduler",
+            )
+
+    def _note_step(self, event: tuple[Any, tuple[int, int, str]]) -> None:
+        """Note a step of a task; the client calls it in a thread of its own."""
+        self._news.put(_Step(*event[1]))
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
+        """Accept a task; return its index."""
+        self._count += 1
+        self._waiting.append(Task(self._count - 1, function, arguments))
+        return self._count - 1
+
+    def _send(self) -> None:
+        """Send the tasks that were accepted since, all in one message."""
+        tasks, self._waiting = self._waiting, []
+        if not tasks:
+            return
+        try:
+            futures = self._client.map(
+                _run_reporting, tasks, topic=self._topic, key="task", pure=False
+            )
+        except Exception as error:  # of a client that is closed, of more than one type
+            if self._client.status == "running":
+                raise
+            raise self._scheduler_lost() from error
+        for task, future in zip(tasks, futures, strict=True):
+            self._indices[future.key] = task.index
+            self._open[task.index], self._tasks[task.index] = future, task
+            future.add_done_callback(self._news.put)
+
+    def forget_after(self, index: int) -> None:
+        """Drop the tasks of larger index."""
+        self._waiting = [task for task in self._waiting if task.index <= index]
+        for other in [k for k in self._open if k > index]:
+            self._forget(other).cancel()
+
+    def settled(self) -> Iterator[Settled]:
+        """Yield each task as it ends."""
+        self._send()
+        while self._open:
+            # Those that have ended meanwhile are fetched at once: short tasks cost less than a
+            # request.
+            ended = self._ended_futures()
+            results = self._fetch([one for one in ended if one.status == "finished"])
+            for future in ended:
+                settled = self._settle(future, results)
+                if settled is not None:
+                    yield settled
+            yield from self._stop_late_tasks()
+            self._send()
+
+    def _ended_futures(self) -> list[Any]:
+        """Return the futures that have ended, after a while at most; note the steps that begin."""
+        ended: list[Any] = []
+        wait = LOOK
+        while True:
+            try:
+                one = self._news.get(timeout=wait) if wait else self._news.get_nowait()
+            except Empty:
+                break
+            wait = 0.0
+            if not isinstance(one, _Step):
+                ended.append(one)
+            elif one.task in self._open:
+                self._steps[one.task] = one, self._clock()
+        self._clock()
+        return [one for one in ended if self._indices.get(one.key) in self._open]
+
+    def _settle(self, future: Any, results: dict[str, Any]) -> Settled | None:
+        """Return the outcome of a future that has ended; None for a task that is sent again."""
+        index = self._indices[future.key]
+        if index not in self._open:
+            return None  # forgotten since
+        if future.status in ("cancelled", "lost") and self._client.status != "running":
+            raise self._scheduler_lost()
+        error = None if future.key in results else self._error_of(future)
+        task = self._tasks[index]
+        # A future that is held is computed again when its worker dies.
+        self._forget(index).release()
+        if error is _NOT_ITS_FAULT:
+            self._waiting.append(task)
+            return None
+        return Settled(index, results.pop(future.key, None), error)
+
+    def _forget(self, index: int) -> Any:
+        """Forget a task; return its future."""
+        future = self._open.pop(index)
+        self._indices.pop(future.key)
+        self._steps.pop(index, None)
+        del self._tasks[index]
+        return future
+
+    def _stop_late_tasks(self) -> Iterator[Settled]:
+        """Yield the tasks whose step takes longer than its limit; their workers start anew."""
+        if self.limit is None:
+            return
+        now = self._clock()
+        for index, (step, since) in list(self._steps.items()):
+            limit = self.limit(index, step.number)
+            if now - since > limit:
+                self._forget(index).cancel()
+                self._restart(step.worker)
+                yield Settled(index, None, TimeExceeded.of(step.number, limit))
+
+    def _restart(self, worker: str) -> None:
+        self._stopped_workers.add(worker)
+        with suppress(Exception):  # of more than one type: it is gone already
+            try:
+                self._client.restart_workers([worker], _RESTART, raise_for_error=False)
+            except ValueError:  # nobody starts it anew
+                self._client.retire_workers([worker], close_workers=True)
+
+    def _fetch(self, finished: list[Any]) -> dict[str, Any]:
+        """Return the results of futures by their keys."""
+        try:
+            results = self._client.gather(finished)
+        except OSError as lost:  # the tasks themselves have ended well
+            raise self._scheduler_lost() from lost
+        return {one.key: result for one, result in zip(finished, results, strict=True)}
+
+    def _scheduler_lost(self) -> SchedulerLost:
+        return SchedulerLost(
+            f"the scheduler at {self._address} has ended; results that are there are kept: start "
+            "it again and run the same command"
+        )
+
+    def _error_of(self, future: Any) -> BaseException:
+        if future.status != "error":
+            return WorkerLost(f"the scheduler has dropped the task ({future.status})")
+        error: BaseException = future.exception()
+        killed: Any = import_module("distributed").KilledWorker
+        if not isinstance(error, killed):
+            return error
+        last = getattr(error, "last_worker", None)
+        ours = getattr(last, "address", None) in self._stopped_workers
+        return _NOT_ITS_FAULT if ours else WorkerLost("the worker died")
+
+    def close(self) -> None:
+        """Drop what still runs."""
+        with suppress(Exception):  # of a scheduler that is gone
+            for future in self._open.values():
+                future.cancel()
+        self._client.close()
+
+
+_NOT_ITS_FAULT = WorkerLost("its worker was ended for the sake of another task")
+
+
+def _run_reporting(task: Task, topic: str) -> Any:
+    """Compute a task on a worker, and report its steps."""
+    distributed: Any = import_module("distributed")
+    worker: Any = distributed.get_worker()
+    sync: Any = distributed.utils.sync
+
+    def report(step: int) -> None:
+        # The step begins when the scheduler knows: what hangs at once may stop all threads here.
+        message = [task.index, step, worker.address]
+        sync(worker.loop, worker.scheduler.log_event, topic=topic, msg=message)
+
+    with reported_steps(report):
+        return task()

@@ -1,0 +1,184 @@
+"""Tasks in other processes only: one that dies loses the task that it computed, and no other.
+
+A pool of the standard library breaks as a whole when one of its processes dies, and does not say
+which task was being computed. Here each process computes one task at a time.
+"""
+
+import pickle
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from inercal.basics.parallel import Settled, Task, TimeExceeded, TolerantExecutor, WorkerLost
+from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
+from inercal.basics.parallel.worker_process import WorkerContext, WorkerProcess
+
+_STARTS = 5  # processes that may die before they begin a task
+_LONGEST_START = 600.0  # s, of a process: it imports, on a machine that may be busy
+
+
+@dataclass
+class _Worker:
+    process: WorkerProcess
+    connection: Connection
+    task: Task | None = None
+    step: int | None = None  # None until the task begins
+    since: float = 0.0  # by the executor's clock
+
+
+class IsolatedExecutor(TolerantExecutor):
+    """Runs tasks in other processes, and starts another where one has died.
+
+    Parameters
+    ----------
+    workers : int
+        Processes; each starts with its first task.
+    """
+
+    def __init__(self, workers: int):
+        self._most = workers
+        self._context = WorkerContext()
+        self._workers: list[_Worker] = []
+        self._waiting: deque[Task] = deque()
+        self._count = 0
+        self._failed_starts = 0
+        self._clock = AwakeClock()
+
+    @property
+    def workers(self) -> int:
+        """Processes at most."""
+        return self._most
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
+        """Accept a task; return its index."""
+        self._waiting.append(Task(self._count, function, arguments))
+        self._count += 1
+        return self._count - 1
+
+    def forget_after(self, index: int) -> None:
+        """Drop the tasks of larger index that do not run yet."""
+        self._waiting = deque(task for task in self._waiting if task.index <= index)
+
+    def settled(self) -> Iterator[Settled]:
+        """Yield each task as it ends."""
+        while True:
+            self._hand_out()
+            busy = [one for one in self._workers if one.task is not None]
+            if not busy:
+                return
+            ready = wait([one.connection for one in busy], LOOK)
+            now = self._clock()
+            for worker in busy:
+                # What has come is read before anybody is judged: this process may have slept.
+                found = self._receive(worker) if worker.connection in ready else self._judge(worker)
+                if found is not None:
+                    yield found
+                elif worker.connection in ready:
+                    worker.since = now
+
+    def close(self) -> None:
+        """Terminate the processes."""
+        self._waiting.clear()
+        self._context.terminate()
+        for worker in self._workers:
+            worker.process.join()
+            worker.connection.close()
+        self._workers.clear()
+
+    def _hand_out(self) -> None:
+        """Give each process without a task the next one, and start processes that lack."""
+        for worker in self._workers:
+            if worker.task is None and self._waiting:
+                self._send(worker, self._waiting.popleft())
+        while self._waiting and len(self._workers) < self._most:
+            worker = self._start()
+            self._workers.append(worker)
+            self._send(worker, self._waiting.popleft())
+
+    def _start(self) -> _Worker:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(target=_compute, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()
+        return _Worker(process, ours)
+
+    def _send(self, worker: _Worker, task: Task) -> None:
+        worker.task, worker.step, worker.since = task, None, self._clock()
+        content = pickle.dumps((task.function, task.arguments))
+        with suppress(OSError):  # it has died: its connection is at its end, as `_receive` finds
+            worker.connection.send_bytes(content)
+
+    def _receive(self, worker: _Worker) -> Settled | None:
+        """Return the outcome that a process has sent; None for a step, or a task to send again."""
+        assert worker.task is not None
+        try:
+            message = pickle.loads(worker.connection.recv_bytes())
+        except (EOFError, OSError):
+            return self._answer_death(worker)
+        if isinstance(message, int):
+            worker.step = message
+            return None
+        index, worker.task = worker.task.index, None
+        result, error = message
+        return Settled(index, result, error)
+
+    def _answer_death(self, worker: _Worker) -> Settled | None:
+        """Forget a process that has died; a task that had not begun is sent to another one."""
+        task = self._remove(worker)
+        how = _describe_exit(worker.process.exitcode)
+        if worker.step is None and self._failed_starts < _STARTS:
+            self._failed_starts += 1
+            self._waiting.appendleft(task)
+            return None
+        return Settled(task.index, None, WorkerLost(f"the worker died ({how})"))
+
+    def _judge(self, worker: _Worker) -> Settled | None:
+        """End a process whose step takes longer than its limit."""
+        assert worker.task is not None
+        if self.limit is None:
+            return None
+        step = worker.step
+        limit = _LONGEST_START if step is None else self.limit(worker.task.index, step)
+        if self._clock() - worker.since <= limit:
+            return None
+        worker.process.kill()
+        if step is None:
+            return self._answer_death(worker)
+        return Settled(self._remove(worker).index, None, TimeExceeded.of(step, limit))
+
+    def _remove(self, worker: _Worker) -> Task:
+        assert worker.task is not None
+        self._workers.remove(worker)
+        worker.connection.close()
+        worker.process.join()
+        return worker.task
+
+
+def _describe_exit(code: int | None) -> str:
+    return f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
+
+
+def _compute(connection: Connection) -> None:
+    """Compute the tasks that come, until the other end is closed."""
+    while True:
+        try:
+            content = connection.recv_bytes()
+        except (EOFError, OSError):
+            return
+        with reported_steps(lambda number: connection.send_bytes(pickle.dumps(number))):
+            outcome = _outcome(content)
+        connection.send_bytes(outcome)
+
+
+def _outcome(content: bytes) -> bytes:
+    try:
+        function, arguments = pickle.loads(content)
+        return pickle.dumps((function(*arguments), None))
+    except Exception as error:
+        try:
+            return pickle.dumps((None, error))
+        except Exception:  # of an error that cannot be pickled
+            return pickle.dumps((None, RuntimeError(f"{type(error).__name__}: {error}")))

@@ -1,0 +1,200 @@
+"""Imperfections of a bench, declared as data.
+
+One declaration has three uses: a simulation draws from it, an estimator has it as a nuisance
+parameter with its standard deviation as the prior, and the Type B budget lists it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.units import Measured, si_factor
+
+Scope = Literal["run", "position", "turn", "dwell", "pass", "mounting", "speed"]
+
+_DISPLAY_UNITS = {  # SI unit of a parameter: unit in which it is printed
+    "m/s²": "m/s²",
+    "m": "mm",
+    "(m/s²)⁻¹": "ppm/g",
+    "rad": "°",
+    "rad/s": "°/h",
+    "1": "ppm",
+    "s": "ms",
+}
+_FINE_UNITS = {"rad": "″", "m/s²": "µg"}
+_FINE_LIMIT = 1e-3  # rad or m/s²
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One imperfection.
+
+    Parameters
+    ----------
+    name : str
+    unit : str
+        Unit of `value` and `sd`, in SI.
+    sd : float
+        Standard deviation; 0 is exactly known.
+    scope : "run", "position", "turn", "dwell", "pass", "mounting" or "speed"
+        The extent over which the value is constant; values of different positions (turns, dwells,
+        …) are independent.
+    value : float
+        Expected value.
+    meaning : str
+        One line for a report.
+    assumed : str
+        The key of a run file that states the value without "±": `sd` is then that of its last
+        digit. Empty where `sd` is stated.
+    attitude : bool
+        Whether it only turns the sensor: no norm of readings depends on it.
+    """
+
+    name: str
+    unit: str
+    sd: float
+    scope: Scope
+    value: float = 0.0
+    meaning: str = ""
+    assumed: str = ""
+    attitude: bool = False
+
+    @classmethod
+    def from_measured(
+        cls, name: str, unit: str, constant: Measured, meaning: str, key: str = ""
+    ) -> "Parameter":
+        """Return a measured constant as a parameter of the run.
+
+        Parameters
+        ----------
+        name, unit, meaning : str
+            As of a parameter.
+        constant : Measured
+            SI.
+        key : str
+            The key of a run file that states it; empty is `name`.
+        """
+        assumed = constant.key_if_assumed(key or name)
+        return cls(name, unit, constant.sd, "run", constant.value, meaning, assumed)
+
+
+@dataclass(frozen=True)
+class QualifiedParameters:
+    """What qualifications of a bench found: values of its parameters with their covariance.
+
+    Parameters
+    ----------
+    names : tuple of k str
+        As of `Parameter.name`.
+    value : tuple of k float
+        SI.
+    covariance : k tuples of k float
+        SI; of a parameter that differs from dwell to dwell, the variance of each of its values.
+    determination, date : tuples of k str
+        Identity and ISO date of the determination of each.
+    """
+
+    names: tuple[str, ...] = ()
+    value: tuple[float, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
+    determination: tuple[str, ...] = ()
+    date: tuple[str, ...] = ()
+
+    def std(self, name: str) -> float:
+        """Return the standard deviation of one of its parameters."""
+        k = self.names.index(name)
+        return float(self.covariance[k][k] ** 0.5)
+
+    def correction(self, name: str) -> float:
+        """Return the value of a parameter; 0 of one that is not qualified."""
+        return self.value[self.names.index(name)] if name in self.names else 0.0
+
+    def joint_covariance(self, parameters: Sequence[Parameter]) -> Array:
+        """Return the prior covariance of parameters of a bench, (k, k): by `sd` the others."""
+        result = np.diag([one.sd**2 for one in parameters])
+        for a, one in enumerate(parameters):
+            for b, other in enumerate(parameters):
+                if a != b and one.name in self.names and other.name in self.names:
+                    i, j = self.names.index(one.name), self.names.index(other.name)
+                    result[a, b] = self.covariance[i][j]
+        return result
+
+    def draw(
+        self, declared: Mapping[str, Parameter], rng: np.random.Generator, trials: int
+    ) -> dict[str, Array]:
+        """Return errors of a bench as a simulation draws them, (trials,) each, by full name.
+
+        Parameters
+        ----------
+        declared : mapping of str to Parameter
+            The parameters that act, by full name.
+        rng : Generator
+        trials : int
+        """
+        draws = {name: rng.standard_normal(trials) for name in declared}
+        drawn = {name: one.value + one.sd * draws[name] for name, one in declared.items()}
+        joint = [
+            name
+            for name in self.names
+            if name in declared and declared[name].sd > 0 and declared[name].scope == "run"
+        ]
+        covariance = self.joint_covariance([declared[name] for name in joint])
+        if np.any(covariance - np.diag(np.diagonal(covariance))):
+            errors = np.linalg.cholesky(covariance) @ np.stack([draws[name] for name in joint])
+            for name, error in zip(joint, errors, strict=True):
+                drawn[name] = declared[name].value + error
+        return drawn
+
+    def apply(
+        self, parameters: Sequence[Parameter], *, corrected: bool = False
+    ) -> tuple[Parameter, ...]:
+        """Return the parameters of a bench with the qualified values and deviations.
+
+        Gravity is unchanged: it is a stated constant of each bench.
+
+        Parameters
+        ----------
+        parameters : sequence of Parameter
+        corrected : bool
+            Whether the bench corrects for the values: errors then remain whose expected value is
+            that without a qualification.
+        """
+        if not self.names:
+            return tuple(parameters)
+        return tuple(
+            replace(
+                one,
+                sd=self.std(one.name),
+                value=one.value if corrected else self.correction(one.name),
+                assumed="",
+            )
+            if one.name in self.names and one.name != "g"
+            else one
+            for one in parameters
+        )
+
+
+NOT_QUALIFIED = QualifiedParameters()
+
+
+def local_gravity(gravity: Measured) -> Parameter:
+    """Return the parameter "g" of a bench from its gravity, m/s²."""
+    return Parameter.from_measured("g", "m/s²", gravity, "local gravity", "gravity")
+
+
+def display_unit(parameter: Parameter | None) -> tuple[str, float]:
+    """Return the unit in which terminal and report print a parameter, and its SI size.
+
+    Parameters
+    ----------
+    parameter : Parameter or None
+        None is a force.
+    """
+    if parameter is None:
+        return "m/s²", 1.0
+    fine = abs(parameter.value) + parameter.sd < _FINE_LIMIT and parameter.unit in _FINE_UNITS
+    unit = (_FINE_UNITS if fine else _DISPLAY_UNITS)[parameter.unit]
+    return unit, si_factor(unit)

@@ -1,0 +1,126 @@
+"""Registries: objects by name, of this package and of other packages by entry points.
+
+A package registers an object by an entry point of the group, in its `pyproject.toml`::
+
+    [project.entry-points."inercal.methods"]
+    tilt_means = "their_package.tilt:METHOD"
+
+The object is imported on first access. Names of this package are resolved without reading the
+metadata of installed packages, which takes some 20 ms.
+"""
+
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import TypeVar
+
+from inercal.basics.errors import InputError
+
+T = TypeVar("T")
+
+
+class Registry(Mapping[str, T]):
+    """Objects of one sort by name; iterating gives the names, those of this package first.
+
+    Parameters
+    ----------
+    group : str
+        Group of entry points, "inercal.methods".
+    what : str
+        Word for such an object in messages, "method".
+    own : mapping of str to str
+        Objects of this package, "module:attribute" by name.
+    """
+
+    def __init__(self, group: str, what: str, own: Mapping[str, str]) -> None:
+        self.group, self.what, self._own = group, what, dict(own)
+        self._loaded: dict[str, T] = {}
+        self._added: dict[str, T] = {}
+
+    def __getitem__(self, name: str) -> T:
+        if name in self._added:
+            return self._added[name]
+        if name not in self._loaded:
+            if name in self._own:
+                module, _, attribute = self._own[name].partition(":")
+                self._loaded[name] = getattr(import_module(module), attribute)
+            elif name in self._foreign:
+                self._loaded[name] = self._load(self._foreign[name])
+            else:
+                raise KeyError(name)
+        return self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._own
+        yield from self._foreign
+        yield from self._added
+
+    def __len__(self) -> int:
+        return len(tuple(iter(self)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._own or name in self._added or name in self._foreign
+
+    def find(self, name: str) -> T:
+        """Return the object of this name.
+
+        Raises
+        ------
+        InputError
+            The name is unknown (the message lists the known names), two packages register it, or
+            the object cannot be imported.
+        """
+        if name not in self:
+            from difflib import get_close_matches
+
+            near = get_close_matches(name, tuple(self), n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise InputError(
+                f"no {self.what} {name!r}; {hint}{'T' if hint else 't'}here are {', '.join(self)}",
+                names=(name,),
+            )
+        return self[name]
+
+    @contextmanager
+    def with_(self, name: str, one: T) -> Generator[None]:
+        """Register an object temporarily, as a package would."""
+        if name in self:
+            raise InputError(
+                f"there is a {self.what} {name!r} already; choose another name", names=(name,)
+            )
+        self._added[name] = one
+        try:
+            yield
+        finally:
+            del self._added[name]
+
+    @cached_property
+    def _foreign(self) -> Mapping[str, EntryPoint]:
+        points: dict[str, EntryPoint] = {}
+        for point in entry_points(group=self.group):
+            other = points.get(point.name)
+            if point.name in self._own or (other is not None and other.value != point.value):
+                taken = "inercal" if other is None else _distribution_name(other)
+                raise InputError(
+                    f"packages {_distribution_name(point)} and {taken} both have a {self.what} "
+                    f"{point.name!r}; rename it or uninstall one of the two",
+                    names=(point.name,),
+                )
+            points[point.name] = point
+        return points
+
+    def _load(self, point: EntryPoint) -> T:
+        try:
+            return point.load()
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"{self.what} {point.name!r} of package {_distribution_name(point)} cannot be "
+                f"loaded from {point.value}: {error}; update or uninstall the package",
+                names=(point.name,),
+            ) from error
+
+
+def _distribution_name(point: EntryPoint) -> str:
+    return point.dist.name if point.dist is not None else point.value

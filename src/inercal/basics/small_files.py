@@ -1,0 +1,290 @@
+"""Small files that a person writes, read with bounds: run files, descriptions of packets, tables.
+
+Reading never blocks and is bounded: a FIFO or a device is refused, a file larger than `LARGEST` is
+not read, and TOML nested deeper than `DEEPEST` is refused, since code that walks through it would
+exceed Python's limit of recursion.
+"""
+
+import codecs
+import csv
+import os
+import re
+import stat
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from inercal.basics.errors import InputError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    Content = TypeVar("Content", bound=BaseModel)
+
+# Windows has no FIFO to wait for, and would translate the ends of lines.
+_FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+LARGEST = 4 << 20  # bytes; run files have a few kilobytes
+DEEPEST = 32  # levels of sections and lists
+# Strings and comments, which may contain anything; then a dotted key of more levels. Quantifiers
+# are possessive, and a key is tried at its begin only, so that the time is that of reading.
+_STRING_OR_COMMENT = re.compile(
+    r'''"""(?s:[^"\\]|\\.|"(?!""))*+"""|'{3}(?s:.)*?'{3}|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'|#[^\n]*+'''
+)
+_DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST}}}")
+
+
+def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> bytes:
+    """Return the bytes of a regular file that is not too large.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What the file is expected to be, for messages: "run file".
+    largest : int
+        Bytes that are accepted at most.
+
+    Raises
+    ------
+    InputError
+        It does not exist, is no regular file, is larger than `largest`, or cannot be read.
+    """
+    try:
+        # O_NONBLOCK: to open a FIFO that nobody writes to would wait for ever.
+        descriptor = os.open(path, os.O_RDONLY | _FLAGS)
+        with open(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise InputError(f"{path}: not a regular file; give a {what}", file=path)
+            raw = file.read(largest + 1)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such {what}; check the path", file=path) from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder; give a {what}", file=path) from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
+    except ValueError as error:  # a null character in the name
+        raise InputError(
+            f"{str(path)!r} is not a possible name of a {what}: {error}; give another path"
+        ) from None
+    if len(raw) > largest:
+        raise InputError(
+            f"{path}: more than {largest} bytes, too many for a {what}; check that this is the "
+            "right file",
+            file=path,
+        )
+    return raw
+
+
+def is_file(path: Path) -> bool:
+    """Return whether a path is that of a regular file; a text that can be no name is that of none.
+
+    `Path.is_file` raises OSError where a name is too long.
+    """
+    return os.path.isfile(path)
+
+
+def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
+    """Return the content of a TOML text.
+
+    Parameters
+    ----------
+    raw : bytes or str
+    what : str
+        What the text is expected to be, for messages: "run file".
+
+    Raises
+    ------
+    InputError
+        It is not TOML, not UTF-8, or nested deeper than `DEEPEST`; the caller adds the file's name.
+    """
+    text = raw if isinstance(raw, str) else _decoded(raw, what)
+    # Before parsing: the memory that a dotted key takes grows with the square of its depth.
+    if _DEEP_KEY.search(_STRING_OR_COMMENT.sub("x", text)):
+        raise InputError(_too_deep(what))
+    try:
+        content = tomllib.loads(text)
+    except ValueError as error:  # of the grammar, or an integer of 5000 digits
+        place = re.search(r"at line (\d+)", str(error))
+        line = int(place[1]) if place else None
+        # The words of tomllib for a key that is stated twice.
+        reason = str(error).replace("Cannot overwrite a value", "a key is stated twice")
+        raise InputError(f"not a TOML {what}: {_other_content(raw) or reason}", line=line) from None
+    except RecursionError:
+        raise InputError(_too_deep(what)) from None
+    level: list[Any] = [content]
+    for _ in range(DEEPEST):
+        level = [
+            inner for outer in level for inner in _members(outer) if isinstance(inner, dict | list)
+        ]
+        if not level:
+            return content
+    raise InputError(_too_deep(what))
+
+
+def _other_content(raw: bytes | str) -> str:
+    """Return what a file without TOML seems to be and what to do; empty where nothing shows."""
+    head = raw[:1000] if isinstance(raw, str) else raw[:1000].decode("utf-8-sig", "replace")
+    lines = (line.strip() for line in head.splitlines())
+    line = next((line for line in lines if line and not line.startswith("#")), "")
+    if line.startswith("{"):
+        return "it is JSON, as a calibration file is; give the .toml file of the run"
+    if "=" not in line and not line.startswith("[") and re.search("[,;\t]", line):
+        return "it looks like a recording; draft its run file by `inercal init`"
+    return ""
+
+
+def _decoded(raw: bytes, what: str) -> str:
+    """Return text, without the mark that Windows writes before it.
+
+    Raises
+    ------
+    InputError
+        Another encoding than UTF-8, with the line where that shows.
+    """
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise InputError(f"not a TOML {what}: UTF-16 text; save it as UTF-8")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"not a TOML {what}: line {line}: byte {raw[error.start]:#04x} is not UTF-8 text; save "
+            "the file as UTF-8",
+            line=line,
+        ) from None
+
+
+def _members(outer: dict[str, Any] | list[Any]) -> Iterable[Any]:
+    return outer.values() if isinstance(outer, dict) else outer
+
+
+def _too_deep(what: str) -> str:
+    return f"not a TOML {what}: nested deeper than {DEEPEST} levels"
+
+
+def texts_of(content: object) -> Iterator[str]:
+    """Yield all keys and texts of a TOML document."""
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, Mapping):
+        for key, value in cast(Mapping[str, object], content).items():
+            yield key
+            yield from texts_of(value)
+    elif isinstance(content, list):
+        for value in cast(list[object], content):
+            yield from texts_of(value)
+
+
+def read_toml(path: Path, what: str = "file") -> dict[str, Any]:
+    """Return the content of a small TOML file.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What the file is expected to be, for messages: "run file".
+
+    Raises
+    ------
+    InputError
+        As `read_small_file` and `parse_toml`, with the file's name.
+    """
+    raw = read_small_file(path, what)
+    try:
+        return parse_toml(raw, what)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def csv_lines(
+    path: Path, needed: Sequence[str], what: str = "table", largest: int = LARGEST
+) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield each line of a CSV table that is not empty: its place, and its cells by column.
+
+    Parameters
+    ----------
+    path : path
+    needed : sequence of str
+        Columns that it must have.
+    what, largest
+        As of `read_small_file`.
+
+    Raises
+    ------
+    InputError
+        As of `read_small_file`; text that is not UTF-8, columns as of `check_columns`, or a line
+        with another number of cells.
+    """
+    try:
+        text = read_small_file(path, what, largest).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte {error.start} is not UTF-8; save the table as UTF-8", file=path
+        ) from None
+    reader = csv.reader(text.splitlines(), strict=True)
+    empty: list[str] = []
+    try:
+        names = [name.strip() for name in next(reader, empty)]
+        check_columns(path, names, needed)
+        for cells in reader:
+            if not any(cells):
+                continue
+            where = f"line {reader.line_num}"
+            if len(cells) != len(names):
+                raise InputError(
+                    f"{path}: {where} has {len(cells)} cells; the table has {len(names)} columns",
+                    file=path,
+                )
+            yield where, dict(zip(names, cells, strict=True))
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num}: {error}", file=path) from None
+
+
+def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
+    """Refuse a table without a needed column, or with two columns of one name.
+
+    Raises
+    ------
+    InputError
+        With the columns that it has.
+    """
+    for one in needed:
+        if one not in names:
+            raise InputError(
+                f"{path}: no column {one!r}; its columns are {', '.join(names) or 'none'}"
+                f"{'; save it with commas between' * (len(names) == 1 and ';' in names[0])}",
+                file=path,
+                names=(one,),
+            )
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise InputError(f"{path}: column {twice[0]!r} comes twice", file=path, names=(twice[0],))
+
+
+def read_result_file(path: Path, model: "type[Content]", verb: str) -> "Content":
+    """Return the checked content of a JSON file that a verb of inercal wrote.
+
+    Parameters
+    ----------
+    path : Path
+    model : type
+        The pydantic model of the content.
+    verb : str
+        "inercal repeat", for messages.
+
+    Raises
+    ------
+    InputError
+        No such file, or not such a file.
+    """
+    from pydantic import ValidationError
+
+    text = read_small_file(path, f"file of {verb}")
+    try:
+        return model.model_validate_json(text)
+    except ValidationError as error:
+        where = ".".join(map(str, error.errors()[0]["loc"])) or "the whole file"
+        raise InputError(
+            f"{path}: {where}: {error.errors()[0]['msg']}; give a file that {verb} wrote",
+            file=path,
+        ) from None

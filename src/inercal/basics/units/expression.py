@@ -1,0 +1,231 @@
+"""Units as text, "µg/g²" or "°/√h": their size in SI and their dimension.
+
+This small grammar refuses junk at once; `definitions` has the units::
+
+    product = factor { ["·" | "*" | "/"] factor }
+    factor  = ("√" | "sqrt") factor | (name | "1" | "(" product ")") [power]
+    power   = ("^" | "**") exponent | superscripts | a digit directly after the name, as in "m/s2"
+"""
+
+import math
+import re
+from collections import deque
+from collections.abc import Generator
+from contextlib import contextmanager
+from difflib import get_close_matches
+from functools import lru_cache
+from typing import NamedTuple
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units.definitions import UNITS, canonical_name, known_names, size_and_dimension
+
+_KINDS = {
+    "1": "a plain number",
+    "m": "a length",
+    "s": "a time",
+    "rad": "an angle",
+    "Hz": "a frequency",
+    "m/s": "a speed",
+    "m/s²": "an acceleration",
+    "rad/s": "an angular rate",
+    "rad/s²": "an angular acceleration",
+    "m/s²/√Hz": "an acceleration noise density",
+    "rad/√s": "an angle random walk",
+    "K": "a temperature",
+    "V": "a voltage",
+    "A": "a current",
+    "LSB": "a count",
+    "sample": "a number of samples",
+}
+ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
+
+# Characters that look alike or that keyboards lack; µ and μ are two letters to Unicode.
+_LOOK_ALIKE = str.maketrans("μ−–º˚⋅×\u00a0\u2009\u202f\t", "µ--°°··    ")
+_SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_LONGEST = 100  # characters; more is junk, and the limit bounds the work on it
+_TOKEN = re.compile(
+    r" *(?:(?P<name>[A-Za-zµ]*(?:°C|[°′″%])|[A-Za-zµ]+)"
+    r"|(?:\^|\*\*) *(?:(?P<power>-?[0-9](?:\.5)?)|\( *(?P<halves>-?[1-9]) */ *2 *\))"
+    r"|(?<=[A-Za-zµ])(?P<digit>[2-9]|-[1-9])(?![0-9.])"
+    r"|(?P<symbol>[√1·*/()])) *"
+)
+_NOT_A_UNIT = "is not a unit; units look like 'm/s²', 'µg/g²' or '°/√h'"
+
+
+class NotationError(Exception):
+    """What is wrong with a text; in the message these words follow the text."""
+
+
+class Unit(NamedTuple):
+    """SI size and dimension of a unit."""
+
+    size: float  # in SI
+    dimension: frozenset[tuple[str, float]]  # such as {("length", 1), ("time", -2)}
+    offset: float  # SI value of "0 unit"
+
+
+def si_factor(unit: str, like: str | None = None) -> float:
+    """Return the SI size of one `unit`; cached.
+
+    Parameters
+    ----------
+    unit : str
+        Such as "µg/g²".
+    like : str, optional
+        A unit of the dimension that is expected.
+
+    Raises
+    ------
+    InputError
+        Not a unit, of another dimension than `like`, or "°C", which has an offset (`to_si`).
+
+    Examples
+    --------
+    >>> si_factor("mg", like="m/s²")
+    0.00980665
+    >>> si_factor("mm", like="rad")
+    Traceback (most recent call last):
+    ...
+    inercal.basics.errors.InputError: 'mm' is a length; expected an angle, such as 'rad'
+    """
+    with error_context(unit):
+        read = require_dimension(unit, like)
+        if read.offset:
+            raise NotationError(f"has its zero at {read.offset:g} K, not at 0 K; use 'K'")
+    return read.size
+
+
+def to_si(values: Array, unit: str, like: str) -> Array:
+    """Return `values`, any shape, in SI from `unit`; "°C" becomes K with its offset.
+
+    Raises
+    ------
+    InputError
+        Not a unit, or of another dimension than `like`.
+    """
+    with error_context(unit):
+        read = require_dimension(unit, like)
+    return values * read.size + read.offset
+
+
+@contextmanager
+def error_context(text: object) -> Generator[None]:
+    """Raise a `NotationError` as an `InputError` whose message begins with `text`."""
+    try:
+        yield
+    except NotationError as what:
+        names = (text,) if isinstance(text, str) else ()
+        raise InputError(f"{_quote(text)} {what}", names=names) from None
+
+
+def _quote(text: object) -> str:
+    """Return `text` in quotation marks, in one line and at most 60 characters."""
+    # repr() refuses integers beyond sys.get_int_max_str_digits().
+    shown = "a huge integer" if isinstance(text, int) and abs(text) > 1e300 else repr(text)
+    return shown if len(shown) <= 60 else f"{shown[:56]}…{shown[-1]}"
+
+
+def plain_text(text: str) -> str:
+    """Return `text` with plain characters in place of look-alikes and superscripts."""
+    if len(text) > _LONGEST:
+        raise NotationError(f"is longer than {_LONGEST} characters; shorten it")
+    text = text.translate(_LOOK_ALIKE).replace("℃", "°C")
+    return re.sub("[⁰¹²³⁴-⁹⁻]+", lambda m: "^" + m[0].translate(_SUPERSCRIPT), text).strip()
+
+
+def require_dimension(unit: str, like: str | None) -> Unit:
+    """Read a unit and refuse it where its dimension is not that of `like`."""
+    read = read_unit(unit)
+    if like is not None and read.dimension != read_unit(like).dimension:
+        raise NotationError(f"is {_dimension_name(read)}; expected {dimension_text(like, like)}")
+    return read
+
+
+def dimension_text(like: str, example: str) -> str:
+    """Return the quantity that has the dimension of `like`, in words with an example."""
+    return f"{_dimension_name(read_unit(like))}, such as {example!r}"
+
+
+def _dimension_name(unit: Unit) -> str:
+    for known, kind in _KINDS.items():
+        if read_unit(known).dimension == unit.dimension:
+            return kind
+    powers = [n if p == 1 else f"{n}^{p:g}" for n, p in sorted(unit.dimension)]
+    return f"a quantity in {'·'.join(powers)}"
+
+
+@lru_cache(maxsize=1024)
+def read_unit(unit: str) -> Unit:
+    """Return SI size and dimension of a unit; refuse a text that is not a unit."""
+    with error_context(unit):
+        powers = _powers(plain_text(unit))
+        size, dimension = size_and_dimension(powers)
+        if not 0 < size < math.inf:
+            raise NotationError(_NOT_A_UNIT)
+    return Unit(size, frozenset(dimension.items()), ZERO_CELSIUS if powers == {"degC": 1} else 0.0)
+
+
+def _powers(plain: str) -> dict[str, float]:
+    """Return the power of each unit by name, by the grammar at the top of the module."""
+    tokens, end = deque[str | float](), 0  # a float is a power
+    while end < len(plain):
+        if not (found := _TOKEN.match(plain, end)):
+            raise NotationError(_NOT_A_UNIT)
+        if halves := found["halves"]:
+            tokens.append(float(halves) / 2)
+        elif power := found["power"] or found["digit"]:
+            tokens.append(float(power))
+        else:
+            tokens.append(found["name"] or found["symbol"])
+        end = found.end()
+    powers = _parse_product(tokens)
+    if tokens or any(abs(power) > 9 for power in powers.values()):
+        raise NotationError(_NOT_A_UNIT)
+    return {name: power for name, power in powers.items() if power}
+
+
+def _parse_product(tokens: deque[str | float]) -> dict[str, float]:
+    total = _parse_factor(tokens)
+    while tokens and tokens[0] != ")":
+        sign = -1.0 if tokens[0] == "/" else 1.0
+        if tokens[0] in ("·", "*", "/"):
+            tokens.popleft()
+        for name, power in _parse_factor(tokens).items():
+            total[name] = total.get(name, 0.0) + sign * power
+    return total
+
+
+def _parse_factor(tokens: deque[str | float]) -> dict[str, float]:
+    token = tokens.popleft() if tokens else ""
+    if token in ("√", "sqrt"):
+        return {name: power / 2 for name, power in _parse_factor(tokens).items()}
+    if token == "(":
+        powers = _parse_product(tokens)
+        if not tokens or tokens.popleft() != ")":
+            raise NotationError(_NOT_A_UNIT)
+    elif token == "1":
+        powers = {}
+    elif isinstance(token, str) and token[:1] not in ("", "·", "*", "/", ")"):
+        powers = {_canonical_unit(token): 1.0}
+    else:
+        raise NotationError(_NOT_A_UNIT)
+    if tokens and isinstance(exponent := tokens[0], float):
+        tokens.popleft()
+        powers = {name: power * exponent for name, power in powers.items()}
+    return powers
+
+
+def _canonical_unit(name: str) -> str:
+    """Return the canonical name of a unit with or without prefix, or refuse it with similar names.
+
+    A plural "s" is allowed after names of two letters and more.
+    """
+    if (found := canonical_name(name)) is not None:
+        return found
+    known = known_names()
+    near = [n for n in known if n.lower() == name.lower()] or get_close_matches(name, known)
+    advice = f"did you mean {' or '.join(map(repr, near))}?"
+    if not near:
+        advice = f"known are {', '.join(UNITS)}"
+    raise InputError(f"unknown unit {_quote(name)}; {advice}", names=(name,))

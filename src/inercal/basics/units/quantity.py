@@ -1,0 +1,244 @@
+"""Quantities as text, "0.5 m ± 5 µm (k=2)": reading and writing."""
+
+import math
+import re
+import sys
+from dataclasses import dataclass, field
+
+from inercal.basics.units.expression import (
+    NotationError,
+    dimension_text,
+    error_context,
+    plain_text,
+    read_unit,
+    require_dimension,
+)
+
+_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_QUANTITY = re.compile(rf"({_NUMBER}) *(.*)")
+_COVERAGE = re.compile(rf"[,(]? *k *= *({_NUMBER}) *\)?$")
+_GROUP = re.compile(r"\(([^±]*)±([^±)]*)\)(.*)")  # "(12 ± 3) µg"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value and its standard uncertainty, both in SI.
+
+    Parameters
+    ----------
+    value : float
+        SI.
+    sd : float
+        Standard uncertainty (k = 1), SI; 0 is exact.
+    assumed : bool
+        Whether `sd` comes from the last written digit of the value, because none was stated.
+    """
+
+    value: float
+    sd: float
+    assumed: bool = field(default=False, repr=False)
+
+    def key_if_assumed(self, key: str) -> str:
+        """Return the key where `sd` comes from the last digit, and "" where it was stated."""
+        return key if self.assumed else ""
+
+
+def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) -> Measured:
+    """Return the value and the standard uncertainty of a written quantity, in SI.
+
+    Forms: "0.5 m", "0.5 m ± 5 µm", "(12 ± 3) µg", "9.81 m/s² ± 40 ppm" (relative), "0 ± 0.5 %",
+    "23 °C ± 0.5 K", and any of these followed by "(k=2)"; "+/-" is read as "±".
+
+    Parameters
+    ----------
+    text : str or float
+        A number, or a text without a unit, is allowed only where `like` is "1".
+    like : str
+        A unit of the expected dimension.
+    last_digit : bool
+        Whether a value without "±" has the uncertainty of its last digit: a rectangular
+        distribution of half a unit to both sides (GUM 4.3.7), so that u is half a unit over √3.
+        Otherwise such a value is exact, like "± 0".
+
+    Raises
+    ------
+    InputError
+        The text is not an unambiguous, finite quantity of that dimension.
+
+    Examples
+    --------
+    >>> parse_quantity("0.5 m ± 1 mm (k=2)", like="m")
+    Measured(value=0.5, sd=0.0005)
+    >>> round(parse_quantity("9.81 m/s²", like="m/s²", last_digit=True).sd, 7)
+    0.0028868
+    """
+    with error_context(text):
+        body, k = _coverage(_plain_quantity(text, like))
+        if group := _GROUP.fullmatch(body):
+            body = f"{group[1]} {group[3]}±{group[2]} {group[3]}"
+        first, *rest = body.split("±")
+        number, unit = _split_number_and_unit(first, like)
+        if not rest and k:
+            raise NotationError(
+                "states k without an uncertainty; write both as in '0.5 m ± 10 µm (k=2)'"
+            )
+        if not rest:
+            value = _value(number, unit, like)
+            if not last_digit:
+                return Measured(value, 0.0)
+            return Measured(
+                value, _last_digit_uncertainty(first) * read_unit(unit or "1").size, True
+            )
+        if len(rest) > 1:
+            raise NotationError("states more than one uncertainty; write one")
+        sd, sd_unit = _split_number_and_unit(rest[0], like)
+        if sd < 0:
+            raise NotationError("states a negative uncertainty; write it as 0 or more")
+        unit = unit or _shared_unit(number, sd_unit, like)
+        value = _value(number, unit, like)
+        return Measured(value, _sd(value, unit, sd, sd_unit, like) / (k or 1.0))
+
+
+def format_quantity(value: float, sd: float, unit: str) -> str:
+    """Return a quantity as text, rounded to two significant digits of its uncertainty.
+
+    Parameters
+    ----------
+    value, sd : float
+        SI. An `sd` of 0 is not printed; an `sd` that is not finite is printed unrounded.
+    unit : str
+        The unit to print in; "1" prints none.
+
+    Examples
+    --------
+    >>> format_quantity(1.2346e-4, 4.03e-6, "µg")
+    '12.59 ± 0.41 µg'
+    """
+    read = read_unit(unit)
+    value, sd = (value - read.offset) / read.size, sd / read.size
+    after = "" if unit == "1" else f" {unit}"
+    if sd == 0 or not math.isfinite(value):
+        return f"{value:.7g}{after}"
+    if not math.isfinite(sd):
+        return f"{value:.7g} ± {sd:g}{after}"
+    last = int(f"{sd:.1e}".partition("e")[2]) - 1  # decimal place of the sd's second digit
+    first = math.floor(math.log10(max(abs(value), sd)))
+    power = 0 if -4 <= first < 7 else first
+    tail = f"e{power}" if power else ""
+    value, sd = (round(x, -last) / 10.0**power + 0.0 for x in (value, sd))  # + 0.0: no "-0.0"
+    places = max(power - last, 0)
+    return f"{value:.{places}f}{tail} ± {sd:.{places}f}{tail}{after}"
+
+
+def format_value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
+    """Return both numbers as text, rounded to two significant digits of the uncertainty.
+
+    Examples
+    --------
+    >>> format_value_and_uncertainty(-0.123456, 0.00123)
+    ('-0.1235', '0.0012')
+    >>> format_value_and_uncertainty(54321.2, 1234.0)
+    ('54300', '1200')
+    """
+    if not (math.isfinite(uncertainty) and uncertainty > 0):
+        return f"{value:.7g}", f"{uncertainty:g}"
+    places = 1 - int(f"{uncertainty:.1e}".partition("e")[2])
+    rounded = (round(x, places) + 0.0 for x in (value, uncertainty))  # + 0.0: no "-0"
+    shown = max(places, 0)
+    first, second = (f"{x:.{shown}f}" for x in rounded)
+    return first, second
+
+
+def _plain_quantity(text: object, like: str) -> str:
+    """Return the quantity in plain characters."""
+    if isinstance(text, str) and text.strip():
+        return re.sub(r"\+ ?/? ?-", "±", plain_text(text))
+    if isinstance(text, bool) or not isinstance(text, (int, float)):
+        raise NotationError(f"is not a quantity such as {_example_text(1, like)}")
+    if not abs(text) <= sys.float_info.max:
+        raise NotationError("is not a finite number; write one")
+    return repr(float(text))
+
+
+def _coverage(body: str) -> tuple[str, float | None]:
+    """Split off "(k=2)"."""
+    found = _COVERAGE.search(body)
+    if not found:
+        return body, None
+    k = float(found[1])
+    if not 0 < k < math.inf:
+        raise NotationError(
+            "states a coverage factor k that is not possible; write a finite k above 0"
+        )
+    return body[: found.start()].strip(), k
+
+
+def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
+    """Split "-12 mg" into number and unit."""
+    if "," in text:
+        raise NotationError("has a comma; write decimals with a point")
+    found = _QUANTITY.fullmatch(text.strip())
+    if not found or not math.isfinite(float(found[1])):
+        if like == "1":
+            raise NotationError("is not a finite number, such as '0.5' or '50 %'")
+        raise NotationError(
+            f"is not a finite number with its unit, such as {_example_text(0.5, like)}"
+        )
+    return float(found[1]), found[2].strip()
+
+
+def _last_digit_uncertainty(text: str) -> float:
+    """Return half a unit of the last digit over √3, in the unit of the number that begins text."""
+    found = _QUANTITY.fullmatch(text.strip())
+    assert found is not None  # the caller has parsed this text
+    mantissa, _, power = found[1].lower().partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return 0.5 * 10.0 ** (int(power or 0) - decimals) / math.sqrt(3)
+
+
+def _shared_unit(number: float, sd_unit: str, like: str) -> str:
+    """Return the unit of a value written without: "12 ± 3 µg" states the unit for both."""
+    if read_unit(sd_unit or "1").dimension:
+        return sd_unit
+    # "1 ± 40 ppm" may mean 1 or 1 ppm; only at zero both agree.
+    if sd_unit and number and not read_unit(like).dimension:
+        raise NotationError(
+            f"can mean {number:g} or {number:g} {sd_unit}; write both as in '(5 ± 3) {sd_unit}'"
+        )
+    return ""
+
+
+def _value(number: float, unit: str, like: str) -> float:
+    if not unit and read_unit(like).dimension:
+        raise NotationError(f"has no unit; expected {dimension_text(like, f'{number:g} {like}')}")
+    read = require_dimension(unit or "1", like)
+    value = number * read.size + read.offset
+    if not math.isfinite(value):
+        raise NotationError("is too large; write a smaller number")
+    return value
+
+
+def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
+    """Return the standard uncertainty in SI, before k."""
+    if unit and not sd_unit and sd == 0:
+        return 0.0  # "9.81 m/s² ± 0": exact in any unit
+    if unit and not sd_unit:
+        raise NotationError(f"states an uncertainty without a unit; write '± {sd:g} {unit}'")
+    unit, sd_unit = unit or "1", sd_unit or "1"
+    plain = not read_unit(like).dimension
+    if plain and value and unit != sd_unit:
+        raise NotationError(f"is ambiguous; state the uncertainty in {unit!r} too")
+    if plain or read_unit(sd_unit).dimension:
+        with error_context(f"± {sd:g} {sd_unit}"):
+            sd *= require_dimension(sd_unit, like).size
+    elif value == 0 or read_unit(unit).offset:
+        raise NotationError(f"states a relative uncertainty, undefined here; state it in {like!r}")
+    else:
+        sd *= read_unit(sd_unit).size * abs(value)
+    if not math.isfinite(sd):
+        raise NotationError("states an uncertainty that is too large; write a smaller one")
+    return sd
+
+
+def _example_text(number: float, like: str) -> str:
+    return repr(f"{number:g}" if like == "1" else f"{number:g} {like}")

@@ -1,0 +1,277 @@
+"""Qualifications in place of typed keys of [bench].
+
+A parameter of a bench is stated by a key of [bench]: "radius" by `radius`, "sin1" by `harmonics`.
+A qualification replaces the key: a measured constant by its value ± u, a deviation by u. The values
+of errors whose expected value is zero enter the bench itself (`QualifiedParameters`).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.basics.keys import ErrorName
+from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
+from inercal.benches.key_declarations import KeyDeclaration, declarations
+from inercal.benches.kind_definition import Kind
+from inercal.benches.qualification.result import Qualification, QualifiedParameter
+
+KEY = "[bench] qualification"
+# Parameters that no field declares, by their name without number and axis.
+_BY_HAND = {
+    "g": "gravity",
+    "sin": "harmonics",
+    "cos": "harmonics",
+    "index": "indexing",
+    "pose": "pose",
+    "mounting": "mounting",
+}
+_CONSTANTS = {"gravity", "radius", "azimuth", "latitude", "stretch", "latency"}
+_NOT_POSSIBLE = {"lever", "clock"}  # of a turntable: only simulated, or found from each run's data
+
+
+@dataclass(frozen=True)
+class UsedQualifications:
+    """The qualifications of a run.
+
+    Parameters
+    ----------
+    files : tuple of str
+        As the run file names them.
+    each : tuple of Qualification
+    parameters : QualifiedParameters
+        Of all of them.
+    keys : tuple of str
+        Of [bench], that they replace.
+    """
+
+    files: tuple[str, ...] = ()
+    each: tuple[Qualification, ...] = ()
+    parameters: QualifiedParameters = NOT_QUALIFIED
+    keys: tuple[str, ...] = ()
+
+
+def read_qualifications(named: object, folder: Path) -> UsedQualifications:
+    """Read the files that [bench] qualification names, and join them.
+
+    Parameters
+    ----------
+    named : str or list of str
+        Other values are left to the schema of the run file.
+    folder : Path
+        Of the run file.
+
+    Raises
+    ------
+    InputError
+        A file that is none, or a parameter in two files by different determinations.
+    """
+    texts = [named] if isinstance(named, str) else named
+    if not isinstance(texts, list | tuple):
+        return UsedQualifications()
+    files = [text for text in cast(Sequence[object], texts) if isinstance(text, str)]
+    if len(files) != len(cast(Sequence[object], texts)):
+        return UsedQualifications()
+    from inercal.benches.qualification.qualification_file import load
+
+    each: list[Qualification] = []
+    for text in files:
+        try:
+            each.append(load(folder / text))
+        except InputError as error:
+            # Of the run file: `file` of the error would be the qualification.
+            raise InputError(f"{KEY}: {error}", key=KEY, names=(text,)) from None
+        if each[-1].withdrawn:
+            raise InputError(
+                f"{KEY}: {text} was withdrawn, {each[-1].withdrawn}: qualify the bench anew",
+                key=KEY,
+                names=(text,),
+            )
+    return UsedQualifications(tuple(files), tuple(each), _join(each, files))
+
+
+def _join(each: Sequence[Qualification], files: Sequence[str]) -> QualifiedParameters:
+    """Return the parameters of all files; one that two share is that of the larger file."""
+    owner: dict[str, tuple[int, QualifiedParameter]] = {}
+    for k in sorted(range(len(each)), key=lambda k: -len(each[k].parameters)):
+        for one in each[k].parameters:
+            other = owner.setdefault(one.name, (k, one))
+            if other[1].determination != one.determination:
+                raise InputError(
+                    f"{KEY}: {one.name} is in {files[other[0]]} and in {files[k]}, of different "
+                    "determinations; name one of them",
+                    key=KEY,
+                    names=(one.name,),
+                )
+    rows: list[tuple[int, int]] = []
+    for k, qualification in enumerate(each):
+        rows += [
+            (k, i)
+            for i, one in enumerate(qualification.parameters)
+            if owner[one.name][0] == k and (k, i) not in rows
+        ]
+    covariance = np.zeros((len(rows), len(rows)))
+    for a, (k, i) in enumerate(rows):
+        for b, (other, j) in enumerate(rows):
+            if k == other:
+                covariance[a, b] = each[k].covariance[i, j]
+    found = [each[k].parameters[i] for k, i in rows]
+    return QualifiedParameters(
+        tuple(one.name for one in found),
+        tuple(one.value for one in found),
+        tuple(tuple(row) for row in covariance.tolist()),
+        tuple(one.determination for one in found),
+        tuple(one.date.isoformat() for one in found),
+    )
+
+
+def with_qualified_keys(
+    section: Mapping[str, Any], kind: Kind[Any, Any], used: UsedQualifications
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return [bench] with the keys that qualifications replace, and the names of these keys.
+
+    Raises
+    ------
+    InputError
+        A qualification of another bench, a parameter that no key states, or a key that is typed
+        besides.
+    """
+    name = section.get("name", "")
+    for file, one in zip(used.files, used.each, strict=True):
+        if not one.is_of_bench(kind.name, name):
+            raise InputError(
+                f"{KEY}: {file} is of {_bench_text(one.bench, one.bench_name)}, not of "
+                f"{_bench_text(kind.name, name)}; name a qualification of this bench, or correct "
+                "[bench] kind and name",
+                key=KEY,
+                names=(one.bench, one.bench_name),
+            )
+    by_key: dict[str, list[str]] = {}
+    for parameter in used.parameters.names:
+        by_key.setdefault(_key_of(parameter, kind), []).append(parameter)
+    result = dict(section)
+    for key, names in by_key.items():
+        if key in section:
+            raise InputError(
+                f"[bench] {key}: {', '.join(names)} is typed and qualified; remove {key}, or the "
+                "qualification",
+                key=f"[bench] {key}",
+                names=tuple(names),
+            )
+        text = _key_text(key, names, kind, used.parameters)
+        if text is not None:
+            result[key] = text
+    return result, tuple(by_key)
+
+
+def require_parameters(bench: Any, used: UsedQualifications) -> None:
+    """Refuse qualified parameters that a bench does not have, or not of the run.
+
+    Raises
+    ------
+    InputError
+    """
+    declared: dict[str, Parameter] = {one.name: one for one in bench.parameters}
+    covariance = np.array(used.parameters.covariance)
+    for k, name in enumerate(used.parameters.names):
+        one = declared.get(name)
+        if one is None:
+            raise _unknown_parameter(name, tuple(declared))
+        alone = np.count_nonzero(covariance[k]) == 1
+        if one.scope != "run" and not (alone and used.parameters.value[k] == 0):
+            raise InputError(
+                f"{KEY}: {name} is new in each {one.scope}: a qualification can state its standard "
+                "deviation, no value and no correlation",
+                key=KEY,
+                names=(name,),
+            )
+
+
+def _key_of(name: str, kind: Kind[Any, Any]) -> str:
+    for field, one in declarations(kind.bench).items():
+        if name in _declared_names(field, one):
+            key = one.key or field
+            break
+    else:
+        base = ErrorName(name).name
+        fields = kind.section.model_fields
+        stem = base.rstrip("0123456789xyz").rstrip("_")
+        key = next((k for k in (_BY_HAND.get(stem), base, stem) if k in fields), "")
+        if not key:
+            raise _unknown_parameter(name, ())
+    if key in _NOT_POSSIBLE:
+        raise _unknown_parameter(name, ())
+    return key
+
+
+def _unknown_parameter(name: str, known: tuple[str, ...]) -> InputError:
+    text = f"; it has {', '.join(known)}" if known else ""
+    return InputError(
+        f"{KEY}: the bench has no parameter {name!r} that a qualification can state{text}",
+        key=KEY,
+        names=(name,),
+    )
+
+
+def _declared_names(field: str, one: KeyDeclaration) -> set[str]:
+    return {field} if isinstance(one.parameters, str) else set(one.parameters)
+
+
+def _key_text(
+    key: str, names: Sequence[str], kind: Kind[Any, Any], known: QualifiedParameters
+) -> str | list[str] | None:
+    """Return the value of a key by its parameters; None where its default stays for the others."""
+    if key in _CONSTANTS:
+        k = known.names.index(names[0])
+        unit = {"gravity": "m/s²", "radius": "m", "stretch": "1/(m/s²)", "latency": "s"}.get(
+            key, "rad"
+        )
+        return f"{known.value[k]!r} {unit} ± {known.std(names[0])!r} {unit}"
+    if key == "harmonics":
+        return _harmonics(names, kind, known)
+    for field, one in declarations(kind.bench).items():
+        if (one.key or field) == key and not _declared_names(field, one) <= set(names):
+            return None
+    deviation = max(known.std(name) for name in names)
+    return f"{deviation!r}{_unit_text(key, kind)}"
+
+
+def _unit_text(key: str, kind: Kind[Any, Any]) -> str:
+    """Return the SI unit of a key by its default or its example."""
+    info = kind.section.model_fields[key]
+    example = str((info.examples or [info.get_default()])[0])
+    if example.endswith(("°", "″", "′")):
+        return " rad"
+    if example.endswith(("°/h", "°/s")):
+        return " rad/s"
+    if example.endswith("g"):
+        return " m/s²"
+    return " m" if example.endswith("m") and not example.endswith("ppm") else ""
+
+
+def _harmonics(names: Sequence[str], kind: Kind[Any, Any], known: QualifiedParameters) -> list[str]:
+    default = kind.section.model_fields["harmonics"].get_default()
+    by_order: dict[int, float] = {}
+    for name in names:
+        order = int(ErrorName(name).name.removeprefix("sin").removeprefix("cos"))
+        by_order[order] = max(by_order.get(order, 0.0), known.std(name))
+    texts: list[str] = []
+    for order in range(1, max(by_order) + 1):
+        if order in by_order:
+            texts.append(f"{by_order[order]!r} rad")
+        elif order <= len(default):
+            texts.append(default[order - 1])
+        else:
+            raise InputError(
+                f"{KEY}: harmonic {order} is missing: qualify all up to {max(by_order)}",
+                key=KEY,
+                names=(f"sin{order}", f"cos{order}"),
+            )
+    return texts
+
+
+def _bench_text(kind: str, name: str) -> str:
+    return f"a {kind} named {name!r}" if name else f"a {kind} without a name"

@@ -1,0 +1,132 @@
+"""Generalised least squares of a qualification, and what its residuals say of the model.
+
+    y = H x + e,   e ~ N(0, V):   x = P Hᵀ V⁻¹ y,   P = (Hᵀ V⁻¹ H)⁻¹,   χ² = rᵀ V⁻¹ r
+
+A term that the model lacks is found by the χ² that it takes away, Δχ² = sᵀ S⁻¹ s with the score
+s = Cᵀ V⁻¹ r of its columns C and S = Cᵀ (V⁻¹ − V⁻¹ H P Hᵀ V⁻¹) C. All tests share the level of the
+tests of a calibration (`inercal.estimation.scores`) in the same way: the terms have .8 of it,
+divided by their number (Bonferroni), and χ² the rest, or all where no term is tested. Where χ²
+exceeds its 95 % bound, covariances are enlarged by χ²/ν, as those of a calibration are.
+"""
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
+
+_ENLARGING_LEVEL = 0.05  # of χ², below which covariances are enlarged
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """The solution.
+
+    Parameters
+    ----------
+    value : (p,) array
+    covariance : (p, p) array
+        As modelled, enlarged by χ²/ν where χ² is beyond its bound.
+    chi2, dof
+        Of the residuals.
+    suspects : tuple of str
+        Terms that the model lacks; where none explains a χ² that rejects the model, that.
+    """
+
+    value: Array
+    covariance: Array
+    chi2: float
+    dof: int
+    suspects: tuple[str, ...] = ()
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a χ² at least as large; 1 without degrees of freedom."""
+        return float(special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+
+
+def linear_fit(
+    columns: Array,
+    y: Array,
+    noise: Array,
+    missing: Mapping[str, Array] | None = None,
+    unseen: str = "",
+    level: float = SIGNIFICANCE_LEVEL,
+) -> LinearFit:
+    """Fit y by columns with noise of a covariance.
+
+    Parameters
+    ----------
+    columns : (n, p) array
+    y : (n,) array
+    noise : (n,) or (n, n) array
+        Standard deviations, or the covariance.
+    missing : mapping of str to (n, q) array, optional
+        Terms that the model may lack, by what a message says.
+    unseen : str
+        What the columns leave undetermined, for the message of an error.
+    level : float, optional
+        Of all tests of the fit together; less where a measurement makes further tests.
+
+    Raises
+    ------
+    InputError
+        The columns are not independent, or there are fewer rows than columns.
+    """
+    covariance = np.diag(noise**2) if noise.ndim == 1 else noise
+    root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+    white: Array = np.asarray(np.linalg.solve(root, y), dtype=float)
+    rows: Array = np.asarray(np.linalg.solve(root, columns), dtype=float)
+    size = np.linalg.norm(rows, axis=0)
+    p = columns.shape[1]
+    if len(y) < p or np.linalg.matrix_rank(rows / np.where(size > 0, size, 1.0), 1e-9) < p:
+        raise InputError(
+            f"{len(y)} readings do not determine the {p} unknowns: "
+            f"{unseen or 'measure at more positions'}",
+            key="[measurement] file",
+        )
+    scaled = rows / size
+    inverse: Array = np.asarray(np.linalg.inv(scaled.T @ scaled), dtype=float)
+    value: Array = inverse @ (scaled.T @ white) / size
+    cov = inverse / np.outer(size, size)
+    residual = white - rows @ value
+    chi2, dof = float(residual @ residual), len(y) - p
+    tested = _missing_terms(rows, cov, residual, root, missing or {})
+    of_terms = SCORE_TEST_SHARE * level if tested else 0.0
+    suspects = tuple(
+        words.format(size=size) for words, size, p in tested if len(tested) * p < of_terms
+    )
+    fit = LinearFit(value, cov, chi2, dof, suspects)
+    if not suspects and fit.p_value < level - of_terms:
+        words = (
+            f"χ² is {chi2:.4g} with {dof} degrees of freedom: the noise is larger than stated, "
+            "or the model lacks something"
+        )
+        fit = replace(fit, suspects=(words,))
+    if fit.p_value < _ENLARGING_LEVEL:
+        return replace(fit, covariance=cov * max(1.0, chi2 / dof))
+    return fit
+
+
+def _missing_terms(
+    rows: Array, covariance: Array, residual: Array, root: Array, missing: Mapping[str, Array]
+) -> list[tuple[str, float, float]]:
+    """Return the terms that the residuals can show, with their sizes and p-values."""
+    found: list[tuple[str, float, float]] = []
+    for words, columns in missing.items():
+        white: Array = np.asarray(np.linalg.solve(root, columns), dtype=float)
+        beyond = white - rows @ (covariance @ (rows.T @ white))
+        information = white.T @ beyond
+        scale = np.sqrt(np.maximum(np.diagonal(white.T @ white), 1e-300))
+        if np.linalg.eigvalsh(information / np.outer(scale, scale))[0] < 1e-9:
+            continue
+        score = white.T @ residual
+        gain = float(score @ np.linalg.solve(information, score))
+        size = float(np.linalg.norm(np.linalg.solve(information, score)))
+        found.append((words, size, float(special.chdtrc(columns.shape[1], gain))))
+    return found

@@ -1,0 +1,105 @@
+"""Local gravity where the sensor is: absolute, tied to a point of a network, or computed.
+
+    g = g_point + δ − γ h + tide
+
+with h the height of the sensor above the measured point and γ the gradient, 0.3086 mGal/m in free
+air; within a building it differs by some percent. A tie measures δ by a gravimeter whose zero
+drifts: it must come back to the point. Readings that are not corrected for the tide have u = 0.15
+mGal/√3 each; a value that is to hold on any day has it too, unless the run is corrected.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
+from inercal.benches.qualification.linear_fit import LinearFit, linear_fit
+from inercal.benches.qualification.measurements.measured_parameters import (
+    MeasuredParameters,
+    from_fit,
+)
+
+MILLIGAL = 1e-5  # m/s²
+GRADIENT = 0.3086 * MILLIGAL  # 1/s², free air
+TIDE = 0.15 * MILLIGAL  # m/s², largest
+_GRADIENT_SHARE = 0.1  # relative standard uncertainty of the gradient in a building
+NO_FIT = LinearFit(np.zeros(0), np.zeros((0, 0)), 0.0, 0)
+
+
+def local_gravity(
+    point: Measured,
+    height: float,
+    *,
+    gradient: Measured | None = None,
+    tide: bool,
+    fit: LinearFit = NO_FIT,
+    remarks: tuple[str, ...] = (),
+) -> MeasuredParameters:
+    """Return "g", m/s², at a height above the point where it is known.
+
+    Parameters
+    ----------
+    point : Measured
+        m/s².
+    height : float
+        m.
+    gradient : Measured, optional
+        Decrease with the height, 1/s²; the one of free air ± 10 %.
+    tide : bool
+        Whether runs are corrected for the tide; otherwise its deviation is added.
+    fit : LinearFit
+        Of the measurement of the point, for its tests.
+    remarks : tuple of str
+    """
+    slope = gradient or Measured(GRADIENT, _GRADIENT_SHARE * GRADIENT)
+    value = point.value - slope.value * height
+    variance = point.sd**2 + (slope.sd * height) ** 2 + (0.0 if tide else TIDE**2 / 3)
+    unseen = () if tide else ("the tide of the day: ± 0.15 mGal is in the uncertainty",)
+    return from_fit(fit, ("g",), "m/s²", np.array([value]), np.array([[variance]]), unseen, remarks)
+
+
+def tied_gravity(
+    known: Measured, site: Array, hours: Array, reading: Array, sd: float, scale_sd: float = 0.0
+) -> tuple[Measured, LinearFit]:
+    """Return gravity at the laboratory's point by a gravimeter, and the fit of its readings.
+
+    Parameters
+    ----------
+    known : Measured
+        Gravity of the point of the network, m/s².
+    site : (m,) array
+        1 at the laboratory, 0 at the point of the network.
+    hours : (m,) array
+        Time of each reading.
+    reading : (m,) array
+        m/s², but for a constant.
+    sd : float
+        Of one reading, m/s².
+    scale_sd : float
+        Relative, of the gravimeter's scale.
+
+    Raises
+    ------
+    InputError
+        No reading at one of the two, or none that shows the drift.
+    """
+    before = site[0] != 0 if len(site) else False
+    changes = int(np.count_nonzero(np.diff(site)))
+    if len(set(site.tolist())) < 2 or changes < 2:
+        raise InputError(
+            "the gravimeter did not come back to "
+            f"{'the laboratory' if before else 'the point of the network'}: the drift of its zero "
+            "cannot be distinguished from the difference; close the loop",
+            key="[measurement] file",
+        )
+    time = hours - hours.mean()
+    columns = np.stack([site, np.ones_like(time), time], axis=-1)
+    missing = {"the zero drifts other than steadily": MILLIGAL * (time**2)[:, None]}
+    fit = linear_fit(
+        columns, reading, np.full(len(reading), sd), missing, "read more often at both points"
+    )
+    step = float(fit.value[0])
+    variance = known.sd**2 + float(fit.covariance[0, 0]) + (scale_sd * step) ** 2
+    return Measured(known.value + step, sqrt(variance)), fit

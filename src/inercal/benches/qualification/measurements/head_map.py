@@ -1,0 +1,196 @@
+"""The error of a dividing head, or of a table's readback, by a polygon and an autocollimator.
+
+At the angle θ the autocollimator reads what the spindle is ahead of θ, less the deviation p of the
+face::
+
+    reading + p = Δ(θ) + a,   Δ = Σ_h s_h sin hθ + c_h cos hθ + division
+
+a is the zero of the autocollimator, one for each series. With n positions and a known polygon each
+amplitude has u = σ √(2/n). Of an unknown polygon, n series with the polygon turned by a face each
+(closure) give head and polygon: the sum of each is zero by definition. Harmonics n, 2n, … and the
+mean are the same at all positions: no closure sees them, and they remain in `division` and `base`.
+
+Source: JCGM 100:2008, H.3 (least squares); Probert & Rittman 1992, 10.1088/0957-0233/3/1/008.
+"""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.benches.qualification.linear_fit import LinearFit, linear_fit
+from inercal.benches.qualification.measurements.measured_parameters import (
+    MeasuredParameters,
+    from_fit,
+)
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL
+
+ARCSEC = pi / 648000
+_FEWEST = 3  # positions
+
+
+def head_map(
+    angle: Array,
+    reading: Array,
+    sd: float,
+    harmonics: int,
+    *,
+    deviation: Array | None = None,
+    certificate_sd: float = 0.0,
+    division_sd: float = 0.0,
+    face: NDArray[np.intp] | None = None,
+    series: NDArray[np.intp] | None = None,
+) -> MeasuredParameters:
+    """Return the amplitudes "sin1", "cos1", … of Δ, rad.
+
+    Parameters
+    ----------
+    angle : (m,) array
+        Nominal, rad.
+    reading : (m,) array
+        Of the autocollimator, rad, in the sense of the angle.
+    sd : float
+        Of one reading, rad.
+    harmonics : int
+        How many.
+    deviation : (n,) array or None
+        Certified deviations of the faces, rad; None of an unknown polygon.
+    certificate_sd, division_sd : float
+        Of each deviation, and of each graduation beyond the harmonics, rad.
+    face, series : (m,) array of int, optional
+        The face of each reading, from 0, and its series; by default the face at the angle, and one
+        series.
+
+    Raises
+    ------
+    InputError
+        Positions that are not evenly spaced over the turn, harmonics that these positions cannot
+        tell apart, or, of an unknown polygon, series that do not separate it from the head.
+    """
+    place, n = _positions(angle)
+    if not 1 <= harmonics < n / 2:
+        raise InputError(
+            f"{n} positions do not determine harmonic {harmonics} of a head: "
+            f"measure at more than {2 * harmonics} positions, or qualify fewer harmonics",
+            key="[measurement] harmonics",
+        )
+    at = (
+        np.zeros(len(angle), np.intp)
+        if series is None
+        else np.unique(series, return_inverse=True)[1]
+    )
+    if deviation is None:
+        if face is None or series is None:
+            raise InputError(
+                "one series cannot separate the head from an unknown polygon: give the certificate "
+                "of the polygon, or columns face and series of a closure",
+                key="[measurement] polygon",
+            )
+        fit = _closure(place, n, reading, sd, face, at, harmonics, division_sd)
+    else:
+        own = place * len(deviation) // n if face is None else face
+        if face is None and (place * len(deviation) % n).any():
+            raise InputError(
+                f"{n} positions do not all lie on a face of a polygon of {len(deviation)} faces; "
+                "add the column face",
+                key="[measurement] face",
+            )
+        if own.min() < 0 or own.max() >= len(deviation):
+            raise InputError(
+                f"face {int(own.max()) + 1} is none of the {len(deviation)} of the polygon",
+                key="[measurement] face",
+            )
+        noise = sd**2 * np.eye(len(angle))
+        noise += certificate_sd**2 * (own[:, None] == own)
+        noise += division_sd**2 * (place[:, None] == place)
+        zeros = (at[:, None] == np.unique(at)).astype(float)
+        columns, missing = _waves(2 * pi * place / n, harmonics, n)
+        fit = linear_fit(np.hstack([columns, zeros]), reading + deviation[own], noise, missing)
+    k = 2 * harmonics
+    names = tuple(f"{wave}{h}" for h in range(1, harmonics + 1) for wave in ("sin", "cos"))
+    unseen = (
+        f"harmonics {n}, {2 * n}, … of the head, which are equal at all {n} positions: they remain "
+        "in the error of each graduation",
+        "the mean of the head's error: it remains in the zero of the head",
+    )
+    return from_fit(fit, names, "rad", fit.value[:k], fit.covariance[:k, :k], unseen)
+
+
+def _positions(angle: Array) -> tuple[NDArray[np.intp], int]:
+    """Return the number of each position, and how many there are in a turn."""
+    turned = np.mod(angle, 2 * pi)
+    distinct = np.unique(np.round(turned / (1e-3 * pi / 180)).astype(int) % 360000)
+    n = len(distinct)
+    place = np.round(turned * n / (2 * pi)).astype(np.intp) % n
+    off = np.abs(np.mod(turned - 2 * pi * place / n + pi, 2 * pi) - pi)
+    if n < _FEWEST or off.max() > 1e-3 or len(np.unique(place)) < n:
+        raise InputError(
+            f"the {n} positions are not evenly spaced over a turn: measure at even steps, "
+            "at least three",
+            key="[measurement] angle",
+        )
+    return place, n
+
+
+def _waves(theta: Array, harmonics: int, n: int) -> tuple[Array, dict[str, Array]]:
+    """Return the columns of the harmonics, and those of harmonics that the model lacks."""
+
+    def pair(h: int) -> Array:
+        if 2 * h == n:
+            return np.cos(h * theta)[:, None]
+        return np.stack([np.sin(h * theta), np.cos(h * theta)], axis=-1)
+
+    columns = np.hstack([pair(h) for h in range(1, harmonics + 1)])
+    missing = {
+        f"harmonic {h}, of {{size:.2g}}″, is not in the model: qualify {h} harmonics": ARCSEC
+        * pair(h)
+        for h in range(harmonics + 1, n // 2 + 1)
+    }
+    return columns, missing
+
+
+def _closure(
+    place: NDArray[np.intp],
+    n: int,
+    reading: Array,
+    sd: float,
+    face: NDArray[np.intp],
+    series: NDArray[np.intp],
+    harmonics: int,
+    division_sd: float,
+) -> LinearFit:
+    """Return the fit of the harmonics to the head's errors of a closure."""
+    faces = int(face.max()) + 1
+    head = _sum_free_basis(n)
+    columns = np.hstack(
+        [
+            head[place],
+            -_sum_free_basis(faces)[face],
+            (series[:, None] == np.unique(series)).astype(float),
+        ]
+    )
+    whole = linear_fit(
+        columns,
+        reading,
+        np.full(len(reading), sd),
+        unseen="the polygon is not separated from the head; turn the polygon by one face in each "
+        "further series",
+        level=SIGNIFICANCE_LEVEL / 2,
+    )
+    k = n - 1
+    even = 2 * pi * np.arange(n) / n
+    waves, missing = _waves(even, harmonics, n)
+    noise = whole.covariance[:k, :k] + division_sd**2 * np.eye(k)
+    beyond = {words: head.T @ one for words, one in missing.items()}
+    fit = linear_fit(head.T @ waves, whole.value[:k], noise, beyond, level=SIGNIFICANCE_LEVEL / 2)
+    both = replace(fit, chi2=fit.chi2 + whole.chi2, dof=fit.dof + whole.dof)
+    suspects = (*whole.suspects, *fit.suspects)
+    return replace(both, suspects=suspects)
+
+
+def _sum_free_basis(n: int) -> Array:
+    """Return orthonormal columns that span the vectors with the sum zero, (n, n − 1)."""
+    return np.linalg.qr(np.eye(n) - 1 / n)[0][:, : n - 1]

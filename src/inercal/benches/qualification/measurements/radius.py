@@ -1,0 +1,197 @@
+"""The static radius of a centrifuge's or rate table's arm, and its stretch.
+
+By a coordinate measuring machine the radius is the mean of its readings. By an accelerometer S of
+known scale factor, whose input axis points to the axis of rotation, at the rates ω::
+
+    S reading = (1 + s) a + k₂ a² + e,   a = R (1 + κ R ω²) (ω (1 + ρ))²
+
+s is the error of its scale factor, k₂ its quadratic term, ρ the relative error of the rate, so that
+
+    u_R/R = √(u_s² + (u_g/g)² + 4 u_ρ² + …)
+
+where the scale factor was found with gravity g: s contains the error of g, and R is correlated with
+it. The stretch κ and k₂/R grow alike with the rate: κ is no better than k₂, which must be known
+from a measurement at 1 g. R and κ are correlated.
+
+Source: IEEE Std 836-2009, 7 (radius by the sensor).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
+from inercal.benches.qualification.linear_fit import LinearFit, linear_fit
+from inercal.benches.qualification.measurements.measured_parameters import (
+    MeasuredParameters,
+    from_fit,
+)
+
+_FEWEST = 3  # speeds of a stretch
+_STEPS = 5  # of Gauss and Newton
+
+
+def radius_by_machine(reading: Array, sd: float, certificate_sd: float) -> MeasuredParameters:
+    """Return "radius", m, by a coordinate measuring machine.
+
+    Parameters
+    ----------
+    reading : (m,) array
+        m.
+    sd, certificate_sd : float
+        Of one reading, and of the machine as certified, common to all, m.
+    """
+    fit = linear_fit(np.ones((len(reading), 1)), reading, np.full(len(reading), sd))
+    unseen = ("the growth of the radius as the arm turns",)
+    return from_fit(fit, ("radius",), "m", fit.value, fit.covariance + certificate_sd**2, unseen)
+
+
+@dataclass(frozen=True)
+class RadiusSensor:
+    """What is known of the accelerometer and the rate.
+
+    Parameters
+    ----------
+    sd : float
+        Of one reading, m/s².
+    scale_sd : float
+        Relative, of its scale factor, without gravity's part.
+    k2 : Measured or None
+        Its quadratic term, 1/(m/s²); None is unknown.
+    rate_sd : float
+        Relative, of all rates.
+    gravity : Measured or None
+        With which its scale factor was found, m/s², where the result is to be correlated with it.
+    """
+
+    sd: float
+    scale_sd: float
+    k2: Measured | None
+    rate_sd: float
+    gravity: Measured | None = None
+
+
+def radius_by_sensor(
+    rate: Array,
+    reading: Array,
+    sensor: RadiusSensor,
+    *,
+    stretch: bool,
+    rate_value: float = 0.0,
+    keep_rate: bool = False,
+) -> MeasuredParameters:
+    """Return "radius", m, and with `stretch` "stretch", 1/(m/s²), by an accelerometer.
+
+    Parameters
+    ----------
+    rate : (m,) array
+        rad/s.
+    reading : (m,) array
+        m/s², toward the axis positive.
+    sensor : RadiusSensor
+    stretch : bool
+        Whether the stretch is found; otherwise the arm is taken as stiff.
+    rate_value : float
+        Qualified error of the rate.
+    keep_rate : bool
+        Whether the error of the rate is a result too, with its correlations.
+
+    Raises
+    ------
+    InputError
+        Fewer than three speeds for a stretch, or a quadratic term that is not known.
+    """
+    speeds = len(np.unique(np.round(np.abs(rate), 6)))
+    if stretch and speeds < _FEWEST:
+        raise InputError(
+            f"{speeds} speeds cannot show a stretch: measure at three or more",
+            key="[measurement] file",
+        )
+    if sensor.k2 is None:
+        raise InputError(
+            "the quadratic term of the sensor is not stated: at many g it acts like another radius "
+            "and like a stretch; measure it at 1 g and state k2",
+            key="[measurement] k2",
+        )
+    free = ("radius", "stretch") if stretch else ("radius",)
+    priors = {
+        "scale": Measured(0.0, sensor.scale_sd),
+        "k2": sensor.k2,
+        "rate": Measured(rate_value, sensor.rate_sd),
+    }
+    if sensor.gravity is not None:
+        priors["g"] = sensor.gravity
+    used = tuple(name for name, one in priors.items() if one.sd > 0)
+    w2 = rate**2
+    x = {"radius": float(np.mean(reading / w2)), "stretch": 0.0}
+    x |= {name: one.value for name, one in priors.items()}
+    fit = _step(w2, reading, x, sensor, free, {name: priors[name] for name in used})
+    for _ in range(_STEPS):
+        for name, step in zip((*free, *used), fit.value, strict=True):
+            x[name] += float(step)
+        fit = _step(w2, reading, x, sensor, free, {name: priors[name] for name in used})
+    kept = [*free, *(n for n in used if n == "g" or (n == "rate" and keep_rate))]
+    at = [(*free, *used).index(n) for n in kept]
+    unit = {"radius": "m", "stretch": "(m/s²)⁻¹", "rate": "1", "g": "m/s²"}
+    return MeasuredParameters(
+        tuple(kept),
+        tuple(unit[n] for n in kept),
+        np.array([x[n] for n in kept]),
+        fit.covariance[np.ix_(at, at)],
+        fit.chi2,
+        fit.dof,
+        fit.p_value,
+        fit.suspects,
+        ("the attitude of the sensor: it is taken to point to the axis",),
+        (
+            f"u of the radius, relative: {1e6 * np.sqrt(fit.covariance[0, 0]) / x['radius']:.2g} "
+            "ppm",
+        ),
+    )
+
+
+def _step(
+    w2: Array,
+    reading: Array,
+    x: Mapping[str, float],
+    sensor: RadiusSensor,
+    free: tuple[str, ...],
+    priors: Mapping[str, Measured],
+) -> LinearFit:
+    """Return the step from x of the free parameters and of those with priors."""
+    predicted, slopes = _prediction(w2, x, sensor)
+    columns = np.stack([slopes[name] for name in (*free, *priors)], axis=-1)
+    rows = np.vstack([columns, np.eye(len(priors), columns.shape[1], len(free))])
+    off = np.array([one.value - x[name] for name, one in priors.items()])
+    deviations = np.array([one.sd for one in priors.values()])
+    sd = np.concatenate([np.full(len(reading), sensor.sd), deviations])
+    missing: dict[str, Array] = {}
+    if "stretch" not in free:
+        lack = np.concatenate([slopes["stretch"], np.zeros(len(priors))])[:, None]
+        missing = {"the arm stretches, by {size:.2g} ppm per m/s²: state stretch": 1e-6 * lack}
+    return linear_fit(rows, np.concatenate([reading - predicted, off]), sd, missing)
+
+
+def _prediction(
+    w2: Array, x: Mapping[str, float], sensor: RadiusSensor
+) -> tuple[Array, dict[str, Array]]:
+    """Return the readings at x, and their derivatives."""
+    radius, grown = x["radius"], 1 + x["stretch"] * x["radius"] * w2
+    turned = (1 + x["rate"]) ** 2 * w2
+    a = radius * grown * turned
+    gravity = sensor.gravity
+    # A scale factor that was found with a g that is too small gives readings that are too small.
+    by_g = 1.0 if gravity is None else gravity.value / x.get("g", gravity.value)
+    slope = by_g * (1 + x["scale"] + 2 * x["k2"] * a)
+    reading = by_g * ((1 + x["scale"]) * a + x["k2"] * a**2)
+    return reading, {
+        "radius": slope * (grown + radius * x["stretch"] * w2) * turned,
+        "stretch": slope * radius**2 * w2 * turned,
+        "scale": by_g * a,
+        "k2": by_g * a**2,
+        "rate": slope * 2 * a / (1 + x["rate"]),
+        "g": -reading / x.get("g", 1.0),
+    }

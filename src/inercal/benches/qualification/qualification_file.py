@@ -1,0 +1,212 @@
+"""Qualifications on disk: versioned JSON, `*.qualification.json`.
+
+Schema "inercal/qualification/1": `kind`, `bench` (kind and name), `determination`, `date`,
+`valid_until`, `method`, `instrument`, `certificate`, `parameters` (a list of name, unit, value,
+std, determination, date, valid_until; SI), `covariance` in that order, `test` (chi2, dof, p_value,
+suspects), `unseen`, `remarks`, `provenance`, `withdrawn`, and `sha256`, the hash of the other keys.
+"""
+
+import datetime as dt
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_small_file
+from inercal.benches.qualification.result import (
+    Qualification,
+    QualifiedParameter,
+    require_covariance,
+)
+
+SCHEMA = "inercal/qualification/1"
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _Bench(_Strict):
+    kind: str
+    name: str
+
+
+class _Parameter(_Strict):
+    name: str
+    unit: str
+    value: _Number
+    std: Annotated[_Number, Field(gt=0)]
+    determination: str
+    date: dt.date
+    valid_until: dt.date | None
+
+
+class _Test(_Strict):
+    chi2: _Number
+    dof: int
+    p_value: _Number
+    suspects: list[str]
+
+
+class _File(_Strict):
+    schema_: Literal["inercal/qualification/1"] = Field(alias="schema")
+    kind: str
+    bench: _Bench
+    determination: str
+    date: dt.date
+    valid_until: dt.date | None
+    method: str
+    instrument: str
+    certificate: str
+    parameters: Annotated[list[_Parameter], Field(min_length=1)]
+    covariance: list[list[_Number]]
+    test: _Test
+    unseen: list[str]
+    remarks: list[str]
+    provenance: dict[str, str]
+    withdrawn: str
+    sha256: str
+
+
+def as_object(found: Qualification) -> dict[str, Any]:
+    """Return the qualification as the JSON object of its file."""
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "kind": found.kind,
+        "bench": {"kind": found.bench, "name": found.bench_name},
+        "determination": found.determination,
+        "date": found.date.isoformat(),
+        "valid_until": _iso(found.valid_until),
+        "method": found.method,
+        "instrument": found.instrument,
+        "certificate": found.certificate,
+        "parameters": [
+            {
+                "name": one.name,
+                "unit": one.unit,
+                "value": one.value,
+                "std": float(u),
+                "determination": one.determination,
+                "date": one.date.isoformat(),
+                "valid_until": _iso(one.valid_until),
+            }
+            for one, u in zip(found.parameters, found.std, strict=True)
+        ],
+        "covariance": found.covariance.tolist(),
+        "test": {
+            "chi2": found.chi2,
+            "dof": found.dof,
+            "p_value": found.p_value,
+            "suspects": list(found.suspects),
+        },
+        "unseen": list(found.unseen),
+        "remarks": list(found.remarks),
+        "provenance": dict(found.provenance),
+        "withdrawn": found.withdrawn,
+    }
+    return content | {"sha256": _digest(content)}
+
+
+def to_text(found: Qualification) -> str:
+    """Return the text of the file."""
+    return json.dumps(as_object(found), ensure_ascii=False, indent=2) + "\n"
+
+
+def save(found: Qualification, path: str | Path) -> Path:
+    """Write the file completely or not at all; return its path."""
+    return write_text(path, to_text(found))
+
+
+def load(path: str | Path) -> Qualification:
+    """Read a qualification.
+
+    Raises
+    ------
+    InputError
+        It is no such file, was changed by hand, or has a value that is not possible.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(read_small_file(path, "qualification"))
+        read = _File.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise InputError(
+            f"{path}: not a qualification of schema {SCHEMA}: {where}: {first['msg']}; give a file "
+            "that inercal qualify wrote",
+            file=path,
+        ) from None
+    except (ValueError, RecursionError):
+        raise InputError(
+            f"{path}: not JSON text; give a file that inercal qualify wrote", file=path
+        ) from None
+    plain = {key: value for key, value in content.items() if key != "sha256"}
+    if _digest(plain) != read.sha256:
+        raise InputError(
+            f"{path}: changed since it was written: its sha256 does not fit; qualify anew",
+            file=path,
+        )
+    names = tuple(one.name for one in read.parameters)
+    size = {len(row) for row in read.covariance} | {len(read.covariance)}
+    covariance = np.array(read.covariance) if size == {len(names)} else np.zeros((0, 0))
+    require_covariance(covariance, names, str(path))
+    return Qualification(
+        read.kind,
+        read.bench.kind,
+        read.bench.name,
+        read.determination,
+        read.date,
+        read.valid_until,
+        read.method,
+        read.instrument,
+        read.certificate,
+        tuple(
+            QualifiedParameter(
+                one.name, one.unit, one.value, one.determination, one.date, one.valid_until
+            )
+            for one in read.parameters
+        ),
+        covariance,
+        read.test.chi2,
+        read.test.dof,
+        read.test.p_value,
+        tuple(read.test.suspects),
+        tuple(read.unseen),
+        tuple(read.remarks),
+        read.provenance,
+        read.withdrawn,
+    )
+
+
+def determination_sha256(
+    place: tuple[str, str], names: tuple[str, ...], numbers: Any, date: dt.date, method: str
+) -> str:
+    """Return the SHA-256 that identifies a determination.
+
+    Parameters
+    ----------
+    place : two str
+        Kind and name of the bench.
+    names : tuple of k str
+    numbers : JSON content
+        Values and covariance.
+    date : date
+    method : str
+    """
+    return _digest([*place, list(names), numbers, date.isoformat(), method])
+
+
+def _iso(day: dt.date | None) -> str | None:
+    return None if day is None else day.isoformat()
+
+
+def _digest(content: Any) -> str:
+    text = json.dumps(content, ensure_ascii=False, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,130 @@
+"""Whether a difference of two calibrations exceeds the ordinary scatter from run to run.
+
+E_n and χ² ask whether a sensor changed beyond what the two calibrations state. A sensor also
+scatters from one turn-on, day and mounting to the next, by σ of each use, and two calibrations
+differ by that without a fault. With ν degrees of freedom of σ::
+
+    E_run = d/(t_ν √(u_d² + 2σ²))
+
+u_d² is the variance of the difference d without what both share, t_ν has the coverage of 2u. The
+joint test takes the covariance C_d + 2Σ.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.calibration.comparison import Comparison
+from inercal.calibration.comparison.changes import CHANCE_FRACTION, JointTest, joint_test
+from inercal.calibration.next_use import load_next_use
+from inercal.estimation.uncertainty.conformity import expanded_uncertainty
+
+
+@dataclass(frozen=True, eq=False)
+class RunScatter:
+    """How coefficients of a sensor scatter from one use to the next.
+
+    Parameters
+    ----------
+    source : str
+        As printed, "TRIAD-7.repeatability.json".
+    names : tuple of p str
+    covariance : (p, p) array
+        Of one calibration about the mean, without its own uncertainty, SI.
+    dof : (p,) array
+    """
+
+    source: str
+    names: tuple[str, ...]
+    covariance: Array
+    dof: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RunToRun:
+    """Two calibrations against the scatter from run to run.
+
+    Parameters
+    ----------
+    source : str
+    names : tuple of p str
+        Coefficients whose scatter is known.
+    normalised_errors : (p,) array
+        E_run.
+    changed : (p,) array of bool
+        |E_n| > 1.
+    joint : JointTest or None
+    """
+
+    source: str
+    names: tuple[str, ...]
+    normalised_errors: Array
+    changed: NDArray[np.bool_]
+    joint: JointTest | None
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Coefficients whose difference exceeds the ordinary scatter."""
+        pairs = zip(self.names, self.normalised_errors, strict=True)
+        return tuple(name for name, one in pairs if abs(one) > 1)
+
+    @property
+    def within(self) -> tuple[str, ...]:
+        """Coefficients with |E_n| > 1 whose difference is ordinary."""
+        rows = zip(self.names, self.normalised_errors, self.changed, strict=True)
+        return tuple(name for name, one, changed in rows if changed and abs(one) <= 1)
+
+    @property
+    def expected_exceedances(self) -> float:
+        """How many would exceed it by chance."""
+        return CHANCE_FRACTION * len(self.names)
+
+
+def scatter_of_file(path: Path, compared: Comparison) -> RunScatter:
+    """Return the scatter that a file of `inercal repeat` states, in the terms of a comparison.
+
+    Raises
+    ------
+    InputError
+        No such file, one in another frame or form, or of other coefficients.
+    """
+    found = load_next_use(path)
+    terms = compared.second.frame, compared.second.sensor.form
+    if (found.frame, found.form) != terms:
+        raise InputError(
+            f"{path}: its frame is {found.frame} and its form {found.form}, those of the "
+            f"calibrations {terms[0]} and {terms[1]}: repeat with calibrations in these",
+            file=path,
+            key="--repeatability",
+        )
+    if not set(found.names) & set(compared.names):
+        raise InputError(
+            f"{path}: has no coefficient of the calibrations; it has {', '.join(found.names)}",
+            file=path,
+            key="--repeatability",
+        )
+    return RunScatter(found.source, found.names, found.run_to_run, found.dof)
+
+
+def against_scatter(compared: Comparison, scatter: RunScatter) -> RunToRun | None:
+    """Return the comparison with the scatter; None where no coefficient has one."""
+    names = tuple(name for name in compared.names if name in scatter.names)
+    if not names or not compared.states_uncertainty:
+        return None
+    mine = [compared.names.index(name) for name in names]
+    its = [scatter.names.index(name) for name in names]
+    added = 2 * scatter.covariance[np.ix_(its, its)]
+    std = np.sqrt(compared.difference_std[mine] ** 2 + np.diag(added))
+    covariance = compared.difference_covariance[np.ix_(mine, mine)] + added
+    difference = compared.difference[mine]
+    return RunToRun(
+        scatter.source,
+        names,
+        difference / expanded_uncertainty(std, scatter.dof[its]),
+        np.abs(compared.normalised_errors[mine]) > 1,
+        joint_test(difference, covariance) if (np.diag(covariance) > 0).all() else None,
+    )

@@ -1,0 +1,196 @@
+"""Compiles all kernels once, so that no later run waits for the compiler.
+
+Numba compiles a kernel when it is first called with arguments of certain types. The kernels are
+therefore called by the work that uses them, on short simulated recordings: a run on a simulated
+turntable with its bench's processes, the other methods on its recording, an IMU by navigation
+between rests, a hand-held IMU, and batches of fits of a centrifuge by norms and by vectors, and of
+means in six positions.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from inercal.basics.errors import InercalError
+from inercal.host.demonstration import RUN_FILE, demo
+from inercal.host.packets.checksums import CHECKS
+from inercal.noise import deviations
+from inercal.physics.plan import six_positions
+from inercal.pipeline import calibrate, simulate_files
+from inercal.pipeline.batch import calibrate_batch
+from inercal.pipeline.budget import budget
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.recordings.io.write import write_recordings
+from inercal.recordings.segments import scatter
+from inercal.runfile import read
+
+_OTHER_METHODS = ("turntable_trajectory", "turntable_discrete")
+_BATCH = 16  # trials, more than are solved one by one
+
+_RATES = '["60 rpm", "120 rpm", "180 rpm"]'
+_ARM = f"""\
+[sensor]
+name = "triad"
+[sensor.accelerometer]
+unit = "g"
+white = "20 µg/√Hz"
+[bench]
+kind = "centrifuge"
+gravity = "9.80123 m/s² ± 0.1 mm/s²"
+latitude = "39 ° ± 0.1 °"
+radius = "1 m ± 10 µm"
+tilt = "2 ″"
+[data]
+file = "arm.csv"
+time = "time"
+rate = "50 Hz"
+accelerometer = ["ax", "ay", "az"]
+label = "label"
+arm_rate = "rpm"
+[method]
+name = "centrifuge_norm"
+attitudes = "full-circle"
+rates = {_RATES}
+turns = 10
+"""
+
+
+_NAVIGATION = """\
+[sensor]
+name = "imu"
+[sensor.accelerometer]
+unit = "g"
+white = "60 µg/√Hz"
+[sensor.gyro]
+unit = "°/s"
+white = "0.1 °/√h"
+[bench]
+kind = "turntable"
+gravity = "9.80123 m/s² ± 0.1 mm/s²"
+latitude = "39.00 ° ± 0.01 °"
+[data]
+file = "navigation.csv"
+time = "time"
+rate = "20 Hz"
+accelerometer = ["ax", "ay", "az"]
+gyro = ["gx", "gy", "gz"]
+[method]
+name = "systematic"
+seconds = "10 s"
+"""
+
+
+def compile_kernels(progress: Callable[[str], None]) -> tuple[str, ...]:
+    """Do each piece of work once; Numba keeps the kernels in its cache.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with a description of each piece of work before it begins.
+
+    Returns
+    -------
+    tuple of str
+        One line for each piece of work that cannot be done here, such as without an optional
+        library; its kernels are compiled when they are first used.
+    """
+    failed: list[str] = []
+    with TemporaryDirectory() as folder:
+        for what, work in _work(Path(folder)):
+            progress(what)
+            try:
+                work()
+            except InercalError as error:
+                failed.append(f"{what}: {error}")
+    return tuple(failed)
+
+
+def _work(folder: Path) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield each piece of work with its description; the second uses the files of the first."""
+    driven = folder / "driven"
+    yield "a run on a simulated turntable", partial(demo, driven, quick=True)
+    for name in _OTHER_METHODS:
+        yield f"the recording of a turntable by {name}", partial(_follow_recording, driven, name)
+    yield "an IMU by navigation between rests", partial(_calibrate_by_navigation, folder)
+    yield "a hand-held IMU", partial(_calibrate_by_hand, folder)
+    yield "batches of fits", partial(_fit_batches, folder)
+    yield "check sums of packets", _check_packets
+    yield "the noise of a sensor", _find_noise
+
+
+def _follow_recording(driven: Path, name: str) -> None:
+    """Calibrate by another method from the recording that a run left in its folder."""
+    text = (driven / RUN_FILE).read_text(encoding="utf-8").replace("turntable_kalman", name)
+    other = driven / f"{name}.toml"
+    other.write_text(text, encoding="utf-8")
+    calibrate(other)
+
+
+def _calibrate_by_navigation(folder: Path) -> None:
+    """Simulate an IMU that rests and turns on a table whose angles are not used; calibrate it.
+
+    By the estimators one after the other: that of live estimates has a kernel of its own.
+    """
+    path = folder / "navigation.toml"
+    path.write_text(_NAVIGATION, encoding="utf-8")
+    run = read(path)
+    made = simulate_files(run, 0)
+    write_recordings({run.file(name): one for name, one in made.items()})
+    for estimator in run.method.estimators:
+        calibrate(read(path, {"estimator": estimator}))
+
+
+def _calibrate_by_hand(folder: Path) -> None:
+    """Simulate an IMU that is turned by hand, and calibrate it with the delay of its gyros."""
+    text = files("inercal").joinpath("hand_held.toml").read_text(encoding="utf-8")
+    path = folder / "hand_held.toml"
+    path.write_text(
+        f'{text}\nalso = ["g"]\npositions = 24\nseconds = "3 s"\ntime_offset = true\n',
+        encoding="utf-8",
+    )
+    run = read(path)
+    made = simulate_files(run, 0)
+    write_recordings({run.file(name): one for name, one in made.items()})
+    outcome = calibrate(run)
+    assert outcome.recording is not None
+    scatter(outcome.recording, run.sensor, "f")  # a report shows it
+
+
+def _fit_batches(folder: Path) -> None:
+    """Fit by norms of an arm, and by vectors, whose Jacobians are computed for all trials."""
+    path = folder / "arm.toml"
+    by_vectors = _ARM.replace("[data]", 'indexing = "5 ″"\n[data]').replace(_RATES, '["120 rpm"]')
+    for text in (_ARM, by_vectors):
+        path.write_text(text, encoding="utf-8")
+        budget(experiment_from_run(read(path)), _BATCH, 0)
+    plan = six_positions()
+    up = np.array([step.up for step in plan])
+    calibrate_batch(
+        {
+            "position": np.array([step.label for step in plan]),
+            **{f"acc_{axis}": np.tile(up[:, k], (_BATCH, 1)) for k, axis in enumerate("xyz")},
+        },
+        method="six_position",
+        sensor={"accelerometer": {"unit": "g"}},
+        bench={"gravity": "9.81 m/s² ± 0.1 mm/s²", "tilt": "0.1 °"},
+        label="position",
+        sd={"accelerometer": "0.1 mg"},
+    )
+
+
+def _check_packets() -> None:
+    """Check bytes that may be written to, and bytes that may not: Numba has a kernel for each."""
+    start, stop = np.array([0]), np.array([9])
+    received = np.frombuffer(b"123456789", np.uint8)
+    for data in (received, received.copy()):
+        for check in CHECKS.values():
+            check.span_checks(data, start, stop)
+
+
+def _find_noise() -> None:
+    """Compute the Allan deviation at so many averaging times that its kernel is used."""
+    deviations(np.sin(np.arange(50_000.0) ** 2), 1.0, spacing="all")

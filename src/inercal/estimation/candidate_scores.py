@@ -1,0 +1,233 @@
+"""The computation of score tests (`inercal.estimation.scores`), of several candidates at once."""
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.estimation.scores import Candidate, ExplainedResidual, ScoreTest, ScoreTestSet
+from inercal.estimation.singular_values import svd
+
+_ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
+_FEW_COLUMNS = 1000  # whose span is worked out
+_NUMBERS = 3_000_000  # in them, at most: they are kept together for it
+_BATCH_NUMBERS = 500_000  # in the columns of candidates that are worked out together
+_MANY = 5000  # rows, beyond which fewer dimensions stand for them
+_VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
+# Least share of a candidate's column that the fit leaves to the residuals
+_MIN_RESIDUAL_SHARE = 1e-6
+
+
+def score_tests(
+    residual: Array,
+    jacobian: Array,
+    candidates: Iterable[Candidate],
+    to: Array | None = None,
+    spanned: Collection[tuple[str, ...]] = (),
+) -> ScoreTestSet:
+    """Return the score tests of candidates.
+
+    Parameters
+    ----------
+    residual : (m,) array
+        Whitened, at the solution; rows of priors included.
+    jacobian : (m, p) array
+        ∂h/∂x of the same rows, whitened.
+    candidates : iterable of Candidate
+        With whitened rows, (m, k); zero in the rows of priors. Their `moved`, where it is given,
+        is of the parameters whose shift is wanted.
+    to : (q, p) array, optional
+        From the p coordinates of `jacobian` to the parameters whose shift is wanted.
+    spanned : collection of tuple of str
+        Components of the candidates that are not scored, because what is estimated does all that
+        they do.
+    """
+    dof = len(residual) - jacobian.shape[1]
+    if len(residual) > _MANY and isinstance(candidates, Sequence):
+        residual, jacobian, candidates = _rotate_rows(residual, jacobian, candidates)
+    size_of = np.linalg.norm(jacobian, axis=0)
+    size_of = np.where(size_of > 0, size_of, 1.0)
+    q, triangle = np.linalg.qr(jacobian / size_of)
+    back = np.linalg.pinv(triangle) / size_of[:, None]
+    back = back if to is None else to @ back
+    result: list[ScoreTest] = []
+    bases: list[Array] = []
+    columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // max(len(residual), 1))
+    for batch in _batches(candidates):
+        lengths = [np.linalg.norm(one.rows, axis=0) for one in batch]
+        units = [_unit(one, length) for one, length in zip(batch, lengths, strict=True)]
+        columns = np.concatenate([one.rows for one in batch], axis=1) * np.concatenate(units)
+        taken = q.T @ columns
+        left = columns - q @ taken
+        left -= q @ (q.T @ left)  # once more: what is left may be a millionth of the column
+        start = 0
+        for one, length, unit in zip(batch, lengths, units, strict=True):
+            part = slice(start, start := start + unit.size)
+            score, u = _score_test(
+                one,
+                length,
+                unit,
+                columns[:, part],
+                taken[:, part],
+                np.zeros_like(left[:, part]) if one.components in spanned else left[:, part],
+                residual,
+                back,
+            )
+            result.append(score)
+            columns_of += score.dof
+            if columns_of <= few:
+                bases.append(u)
+    # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
+    span = _rank(bases) if columns_of <= few else min(columns_of, dof)
+    return ScoreTestSet(tuple(result), span, float(residual @ residual), dof)
+
+
+def _batches(candidates: Iterable[Candidate]) -> Iterator[list[Candidate]]:
+    """Yield candidates in batches: one by one, each would read the directions of all rows anew."""
+    batch: list[Candidate] = []
+    numbers = 0
+    for one in candidates:
+        batch.append(one)
+        numbers += one.rows.size
+        if numbers >= _BATCH_NUMBERS:
+            yield batch
+            batch, numbers = [], 0
+    if batch:
+        yield batch
+
+
+def _unit(candidate: Candidate, length: Array) -> Array:
+    """Return the sizes of the components by which their columns are scaled, (k,)."""
+    if candidate.largest is not None:
+        return candidate.largest
+    return np.asarray(1 / np.where(length > 0, length, 1.0))
+
+
+def _score_test(
+    one: Candidate,
+    length: Array,
+    unit: Array,
+    columns: Array,
+    taken: Array,
+    left: Array,
+    residual: Array,
+    back: Array,
+) -> tuple[ScoreTest, Array]:
+    """Return the test of one candidate, and a basis of what it leaves to the residuals, (m, k).
+
+    Parameters
+    ----------
+    one : Candidate
+    length, unit : (k,) arrays
+        Lengths of its columns, and the sizes of its components that `columns` are of.
+    columns, taken, left : (m, k), (p, k) and (m, k) arrays
+        What these sizes add to the rows, the part that the fit absorbs, and what it leaves.
+    residual : (m,) array
+    back : (q, p) array
+        From what is absorbed to shifts.
+    """
+    u, s, v = svd(left, full_matrices=False)
+    longest = float(np.max(length * unit, initial=0.0))
+    least = _MIN_RESIDUAL_SHARE * longest
+    shown = s > (least if one.largest is None else max(least, _VISIBLE))
+    k, largest = int(shown.sum()), float(s[0]) if s.size else 0.0
+    u, s, v = u[:, :k], s[:k], v[:k]
+    t = u.T @ residual
+    size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
+    # Of what is not shown: how far the largest plausible sizes would move the estimate.
+    moves = size[:, None] if k else np.eye(len(unit))
+    shifts = back @ (taken @ moves)
+    if one.moved is not None:
+        shifts = one.moved @ (unit[:, None] * moves) + (shifts if shifts.size else 0.0)
+    shift = shifts[:, 0] if k else np.linalg.norm(shifts, axis=1)
+    open_ = np.linalg.norm(v, axis=0) < 1 - 1e-6 if k else np.ones(len(unit), dtype=bool)
+    at = np.flatnonzero(np.any(columns != 0.0, axis=1))
+    score = ScoreTest(
+        one.name,
+        one.kind,
+        one.components,
+        one.units,
+        np.where(open_, np.nan, size * unit),
+        np.where(open_, np.nan, sd * unit),
+        float(t @ t),
+        k,
+        shift,
+        ExplainedResidual(at, columns[at] @ size, taken @ size),
+        one.largest,
+        one.stated_sds,
+        one.changes,
+        largest / max(longest, 1e-300),
+        size * unit,
+    )
+    return score, u
+
+
+def spanned_candidates(
+    jacobian: Array, candidates: Iterable[Candidate]
+) -> frozenset[tuple[str, ...]]:
+    """Return the components of the candidates whose columns lie in the span of a Jacobian's.
+
+    Parameters
+    ----------
+    jacobian, candidates
+        As of `score_tests`.
+    """
+    size = np.linalg.norm(jacobian, axis=0)
+    q, _ = np.linalg.qr(jacobian / np.where(size > 0, size, 1.0))
+    found: list[tuple[str, ...]] = []
+    for one in candidates:
+        left = one.rows - q @ (q.T @ one.rows)
+        share = np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(one.rows, axis=0), 1e-300)
+        if np.all(share < _MIN_RESIDUAL_SHARE):
+            found.append(one.components)
+    return frozenset(found)
+
+
+def _rotate_rows(
+    residual: Array, jacobian: Array, candidates: Sequence[Candidate]
+) -> tuple[Array, Array, list[Candidate]]:
+    """Return the same in as many dimensions as there are columns, all products being kept."""
+    column: dict[str, Array] = {}
+    for one in candidates:
+        column |= dict(zip(one.components, one.rows.T, strict=True))
+    at = {name: 1 + jacobian.shape[1] + k for k, name in enumerate(column)}
+    whole = np.concatenate([residual[:, None], jacobian, np.array(list(column.values())).T], axis=1)
+    r = np.asarray(np.linalg.qr(whole, mode="r"))
+    return (
+        r[:, 0],
+        r[:, 1 : 1 + jacobian.shape[1]],
+        [replace(one, rows=r[:, [at[name] for name in one.components]]) for one in candidates],
+    )
+
+
+def rows_from_products(gram: Array, product: Array) -> tuple[Array, Array]:
+    """Return a residual (d,) and c columns (d, c) whose products are as given.
+
+    They are the coordinates of m whitened rows in an orthonormal basis of the d directions that
+    the columns span: no score needs more of the rows.
+
+    Parameters
+    ----------
+    gram : (c, c) array
+        Products of the columns with each other.
+    product : (c,) array
+        Of the columns with the residual.
+    """
+    length = np.sqrt(np.diagonal(gram))
+    length = np.where(length > 0, length, 1.0)
+    values, vectors = np.linalg.eigh(gram / np.outer(length, length))
+    kept = values > _ROUNDING * len(values)
+    root, basis = np.sqrt(values[kept]), vectors[:, kept]
+    return (basis.T @ (product / length)) / root, (root[:, None] * basis.T) * length
+
+
+def _rank(spaces: Sequence[Array]) -> int:
+    """Return the dimension of the sum of spaces, each by an orthonormal basis (m, k)."""
+    columns = [space for space in spaces if space.shape[1]]
+    if not columns:
+        return 0
+    whole = np.concatenate(columns, axis=1)
+    gram = whole @ whole.T if whole.shape[0] <= whole.shape[1] else whole.T @ whole
+    values = np.linalg.eigvalsh(gram)
+    return int(np.sum(values > 1e-9 * values[-1]))

@@ -1,0 +1,202 @@
+"""Correlation of the noise of sections, and the variance of each section, from Haar contrasts.
+
+`inercal.estimation.section_statistics` defines the contrasts and their variance on each level.
+
+Sources: Percival and Walden, Wavelet Methods for Time Series Analysis, Cambridge 2000, chapter 8
+(Haar variance of a process); Smyth 2004, Statistical Applications in Genetics 3, article 3,
+section 6.2 (moderated variances).
+"""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, cast
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+
+COARSE_LEVELS = 2  # levels that show a change; the finer ones show the noise
+SMALLEST_VARIANCE = 1e-6  # of the mean variance: sections that are exactly constant
+_LEVEL = 0.01  # of the likelihood ratio for a correlation
+# Of likelihood ratios against a memory that is long, and against all that are short.
+_EXCLUDED, _EXCLUDED_SHORT = 0.01, 0.05
+_RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
+_TIMES = 14  # of τ
+_SHORT, _LONG = 1 / 9, 4.0  # times a section; it shows the latter as a random walk
+_LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ of that
+_SURE = 1e9  # degrees of freedom of a prior that all sections fit
+
+
+class Contrasts(NamedTuple):
+    """Haar contrasts and the slope of one section of m channels, with the variance of a sample."""
+
+    seconds: float
+    samples: int
+    levels: tuple[Array, ...]  # (2^(l − 1), m) each
+    slope: Array  # (m,)
+    slope_per_trend: float  # of `slope`, for a trend of one per second
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseCorrelation:
+    """A Gauss–Markov process within the noise: ρ times its white part in density, and τ, s."""
+
+    ratio: float = 0.0
+    seconds: float = 1.0
+
+    def contrast_variance_ratio(self, seconds: Array) -> Array:
+        """Return the variance of contrasts of blocks of h seconds over that of the white part."""
+        return _contrast_variance_ratio(np.array(self.ratio), np.array(self.seconds), seconds)
+
+    def mean_variance_ratio(self, seconds: Array) -> Array:
+        """Return the variance of means over T seconds over that of the white part."""
+        x = self.seconds / seconds
+        return np.asarray(1 + self.ratio * (1 + x * np.expm1(-1 / x)))
+
+    def batch_variance_ratio(self, seconds: Array, batches: int) -> Array:
+        """Return the scatter of a number of batch means in T seconds, over that of white noise."""
+        own, whole = self.mean_variance_ratio(seconds / batches), self.mean_variance_ratio(seconds)
+        return np.asarray((own - whole / batches) * batches / (batches - 1))
+
+
+def _contrast_variance_ratio(ratio: Array, tau: Array, h: Array) -> Array:
+    x = tau / h
+    a = -np.expm1(-1 / x)
+    return np.asarray(1 + ratio * (1 - x * a - 0.5 * x * a**2), dtype=np.float64)
+
+
+WHITE = NoiseCorrelation()
+
+
+def block_durations(seconds: float, levels: int) -> Array:
+    """Return the length of the blocks of levels 1, 2, …, (levels,) s."""
+    return np.array([seconds / 2**place for place in range(1, levels + 1)])
+
+
+def contrast_powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Array:
+    """Return the mean square of each level's contrasts over all channels, (levels,)."""
+    return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
+
+
+class SectionCorrelations(NamedTuple):
+    """The correlation of the noise of r sections.
+
+    Parameters
+    ----------
+    whole : NoiseCorrelation
+        Of all sections.
+    others : tuple of r NoiseCorrelation
+        Of all sections but each.
+    rise : float
+        Twice the rise of the logarithm of the likelihood above that of white noise, the smallest
+        of all sections but each; 0 without a correlation.
+    long : bool
+        Whether the memory is no small part of a section, and one much longer than the sections is
+        not excluded: how far the noise wanders between them is then unknown.
+    """
+
+    whole: NoiseCorrelation
+    others: tuple[NoiseCorrelation, ...]
+    rise: float = 0.0
+    long: bool = False
+
+
+def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> SectionCorrelations:
+    """Return the correlation of sections from their `contrast_powers`."""
+    longest = max(one.seconds for one in sections)
+    shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
+    times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
+    grid = [NoiseCorrelation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
+    channels = max(sections[0].levels[0].shape[1], 1)
+    every = [WHITE, *grid]
+    choices = len(every)
+    every += [NoiseCorrelation(float(ratio), _LONG * longest) for ratio in _LONG_RATIOS]
+    ratio, tau = (
+        np.array(part)[:, None] for part in zip(*((c.ratio, c.seconds) for c in every), strict=True)
+    )
+    deviance = np.empty((len(sections), len(every)))
+    for k, (power, one) in enumerate(zip(powers, sections, strict=True)):
+        dof = channels * np.array([len(level) for level in one.levels], dtype=np.float64)
+        shape = _contrast_variance_ratio(ratio, tau, block_durations(one.seconds, len(one.levels)))
+        own = (power / shape) @ dof / dof.sum()
+        deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, SMALLEST_VARIANCE))
+    total = deviance.sum(axis=0)
+    without = (total - deviance)[:, :choices]
+    rise = without[:, 0] - without.min(axis=1)
+    bound = float(scipy.special.chdtri(2, _LEVEL))
+    others = tuple(
+        every[int(np.argmin(row))] if up > bound else WHITE
+        for row, up in zip(without, rise, strict=True)
+    )
+    if len(sections) < 2 or rise.min() <= bound:
+        return SectionCorrelations(WHITE, (WHITE,) * len(sections) if len(sections) < 2 else others)
+    short = tau[:, 0] <= _SHORT * longest
+    short[choices:] = False
+    least = float(total.min())
+    walks = float(total[choices:].min()) - least < float(scipy.special.chdtri(1, _EXCLUDED))
+    slow = float(total[short].min()) - least > float(scipy.special.chdtri(1, _EXCLUDED_SHORT))
+    whole = every[int(np.argmin(total[:choices]))]
+    return SectionCorrelations(whole, others, float(rise.min()), walks and slow)
+
+
+def fine_variance(
+    one: Contrasts, size: Array, used: NDArray[np.intp], correlation: NoiseCorrelation
+) -> tuple[float, int]:
+    """Return the variance of the fine levels over all sections' scale, and its freedom."""
+    total, dof = 0.0, 0
+    for place, level in enumerate(one.levels, 1):
+        if place <= COARSE_LEVELS:
+            continue
+        shape = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
+        total += float(np.sum((level[:, used] / size[used]) ** 2)) / shape
+        dof += level[:, used].size
+    return max(total / max(dof, 1), SMALLEST_VARIANCE), dof
+
+
+def _log_variance(freedom: Array) -> Array:
+    """Return the variance of the logarithm of a variance of some degrees of freedom: trigamma."""
+    return np.array(
+        [float(cast("float", scipy.special.polygamma(1, half))) for half in (freedom / 2).tolist()]
+    )
+
+
+def _log_bias(freedom: Array) -> Array:
+    """Return the mean of the logarithm of a variance over its expectation."""
+    half: Array = freedom / 2
+    return np.array(
+        [float(cast("float", scipy.special.digamma(h))) for h in half.tolist()]
+    ) - np.log(half)
+
+
+def moderated_variances(found: Sequence[tuple[float, int]]) -> tuple[Array, Array]:
+    """Return moderated variances, (r,), and the degrees of freedom behind each."""
+    own = np.array([variance for variance, _ in found])
+    dof = np.array([count for _, count in found], dtype=np.float64)
+    if len(own) < 3:
+        return own, dof
+    log, expected = np.log(own) - _log_bias(dof), _log_variance(dof)
+    weight = 1 / expected
+    middle = float(weight @ log / weight.sum())
+    spread = float(np.sum((log - middle) ** 2) / (len(own) - 1) - expected.mean())
+    prior, level = _SURE, float(dof @ own / dof.sum())
+    if spread > 0:
+        prior = 2 * _inverse_trigamma(spread)
+        level = float(np.exp(middle + _log_bias(np.array([prior]))[0]))
+    return (prior * level + dof * own) / (prior + dof), prior + dof
+
+
+def _inverse_trigamma(y: float) -> float:
+    def off(log: float) -> float:
+        return float(np.log(_log_variance(np.array([2 * np.exp(log)]))[0] / y))
+
+    low, high = -8.0, 18.0
+    if off(high) > 0:
+        return float(np.exp(high))
+    if off(low) < 0:
+        return float(np.exp(low))
+    return float(np.exp(cast("float", scipy.optimize.brentq(off, low, high, xtol=1e-6))))

@@ -1,0 +1,286 @@
+"""Least squares: the estimate of a problem, by the Jacobian of its rows.
+
+`inercal.estimation.search` finds the minimum; a robust loss, of influence ψ = ρ′/2, enters its
+steps by iterated weights w = ψ/u.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.estimation import gauss_newton_steps, nullspace
+from inercal.estimation.candidate_scores import score_tests, spanned_candidates
+from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.noise_scale import WhitenedRows
+from inercal.estimation.problem import Problem
+from inercal.estimation.result import NO_ROWS, Estimate
+from inercal.estimation.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet
+from inercal.estimation.search import Bools, merge, search
+from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
+
+_PULLED = 6.0  # standard deviations of a prior, beyond which the fit contradicts it
+_MOST_KEPT = 5000  # observations whose rows stay with the estimate; tables of means have fewer
+
+
+@dataclass(frozen=True)
+class Cauchy:
+    """A loss that is logarithmic beyond the threshold: a far outlier has hardly any influence.
+
+    The default threshold keeps 95 % of the efficiency of least squares where the noise is Gaussian
+    (Holland and Welsch 1977, Communications in Statistics A6, 813–827, table 1).
+    """
+
+    threshold: float = 2.385
+
+    def cost(self, u: Array) -> Array:
+        """Return ρ(u)."""
+        return self.threshold**2 * np.log1p((u / self.threshold) ** 2)
+
+    def weight(self, u: Array) -> Array:
+        """Return w(u) = ψ(u)/u."""
+        return 1 / (1 + (u / self.threshold) ** 2)
+
+    def slope(self, u: Array) -> Array:
+        """Return ψ′(u)."""
+        z = (u / self.threshold) ** 2
+        return (1 - z) / (1 + z) ** 2
+
+
+def least_squares(
+    problem: Problem, loss: Cauchy | None = None, max_iterations: int = 200
+) -> Estimate:
+    """Solve a problem, or each trial of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its start decides which directions count as observable.
+    loss : Cauchy, optional
+        Robust loss on the whitened residuals of the observations (not of the priors); with
+        correlated noise it acts on the decorrelated residuals.
+    max_iterations : int, optional
+        Steps tried at most.
+
+    Returns
+    -------
+    Estimate
+        `converged` is False for a trial that did not reach a minimum. With a loss the covariance
+        is the asymptotic one of an M-estimator (see `_robust_covariance`).
+
+    Raises
+    ------
+    InputError
+        Shapes, noise or values that cannot be used.
+    NotObserved
+        Wanted parameters that neither data nor priors nor gauges determine, at the start or at
+        the solution.
+    """
+    system = WhitenedProblem(problem)
+    structure = nullspace.observability(system, system.first)
+    point, converged, iterations = search(LinearisedRows(system, loss), max_iterations)
+    if converged[0]:
+        # An accident at the solution, such as a parameter of zero, may hide what the start shows.
+        at_solution = nullspace.observability(system, point)
+        structure = min(structure, at_solution, key=lambda s: s.rank)
+    return estimate_at_solution(system, point, structure, converged, iterations, loss)
+
+
+def estimate_at_solution(
+    system: WhitenedProblem,
+    point: LinearisationPoint,
+    structure: nullspace.Observability,
+    converged: Bools,
+    iterations: NDArray[np.intp],
+    loss: Cauchy | None = None,
+) -> Estimate:
+    """Return the estimate at a solution, without the axis of trials if the problem has none."""
+    if loss is None:
+        covariance, exists = gauss_newton_steps.covariance(
+            point.rows, point.weight, system.prior_rows
+        )
+        pull = point.whitened
+    else:
+        covariance, exists = _robust_covariance(system, point, loss)
+        pull = loss.weight(point.whitened) * point.whitened
+    if system.basis is not None:
+        covariance = system.basis @ covariance @ system.basis.T
+    covariance = np.broadcast_to(covariance, (system.trials, *covariance.shape[1:]))
+    chi2 = np.sum(pull**2, axis=-1) + np.sum(point.prior**2, axis=-1)
+    first = 0 if system.single else slice(None)
+    candidates = system.single and loss is None and system.problem.candidates is not None
+    return Estimate(
+        names=system.problem.names,
+        value=point.x[first],
+        covariance=covariance[first],
+        chi2=chi2[first],
+        dof=system.dof,
+        residual=point.residual[first],
+        whitened=point.whitened[first],
+        observations=system.problem.observations,
+        wanted=system.problem.wanted,
+        rank=structure.rank,
+        singular_values=structure.singular_values,
+        null_directions=structure.null_directions,
+        weakest=structure.weakest,
+        converged=(converged & exists)[first],
+        iterations=iterations[first],
+        scoring=LazyValue(lambda: _score_tests_at_solution(system, point))
+        if candidates
+        else NO_SCORE_TESTS,
+        rows=LazyValue(lambda: _whitened_rows(system, point))
+        if system.single and loss is None and system.m <= _MOST_KEPT
+        else NO_ROWS,
+    )
+
+
+def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> WhitenedRows:
+    """Return the rows of the problem's one trial at a point."""
+    inverse, full = system.whitener(point.x)
+
+    def whiten(rows: Array) -> Array:
+        return inverse[0] @ rows if full else inverse[0][:, None] * rows
+
+    return WhitenedRows(
+        point.whitened[0],
+        point.weight[0][:, None] * point.rows[0],
+        point.prior[0],
+        system.prior_rows,
+        whiten,
+    )
+
+
+def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint) -> ScoreTestSet:
+    """Return the score tests of the problem's candidates at the solution of its one trial."""
+    jacobian, found = _whitened_candidates(system, point)
+    residual = np.concatenate([point.whitened[0], point.prior[0]])
+    # What comes one by one is not kept together: of hundreds of rows it would not fit.
+    if not isinstance(found, Sequence):
+        return score_tests(residual, jacobian, found, system.basis)
+    return score_tests(
+        residual, jacobian, found, system.basis, _spanned_at_statements(system, point)
+    )
+
+
+def _whitened_candidates(
+    system: WhitenedProblem, point: LinearisationPoint
+) -> tuple[Array, Iterable[Candidate]]:
+    """Return the Jacobian and the candidates at a point, both with rows of priors."""
+    assert system.problem.candidates is not None
+    width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
+    at = _whitened_rows(system, point)
+
+    def whitened() -> Iterator[Candidate]:
+        for one in left_out:
+            rows = at.whiten(one.rows)
+            yield replace(one, rows=np.concatenate([rows, np.zeros((width, rows.shape[1]))]))
+
+    jacobian = np.concatenate([at.jacobian, at.prior_jacobian])
+    return jacobian, list(whitened()) if isinstance(left_out, Sequence) else whitened()
+
+
+def _spanned_at_statements(
+    system: WhitenedProblem, point: LinearisationPoint
+) -> frozenset[tuple[str, ...]]:
+    """Return the candidates within what is estimated, where the fit contradicts its priors.
+
+    A misfit pulls nuisances far from their priors. There the derivatives differ from row to row, so
+    that a column in the span of the others, such as a scale common to all rows, seems to lie
+    outside it. Evaluated at the values that the priors state, the column lies in the span.
+    """
+    x, names = point.x.copy(), system.problem.names
+    for prior in system.problem.priors:
+        at = [names.index(name) for name in prior.names]
+        pulled = np.abs(x[0, at] - prior.mean) > _PULLED * np.sqrt(np.diagonal(prior.covariance))
+        chosen: list[int] = np.array(at)[pulled].tolist()
+        x[0, chosen] = np.broadcast_to(prior.mean, (len(at),))[pulled]
+    if np.array_equal(x, point.x):
+        return frozenset()
+    there = system.point(x, *system.evaluate(x))
+    return spanned_candidates(*_whitened_candidates(system, there))
+
+
+class LinearisedRows:
+    """The trials of a problem by their Jacobians, as `inercal.estimation.search` takes them."""
+
+    def __init__(self, system: WhitenedProblem, loss: Cauchy | None = None):
+        self._system, self._loss = system, loss
+        self.problem, self.trials, self.m = system.problem, system.trials, system.m
+        self.first = system.first
+        self.reweighted = loss is not None or not system.constant_noise
+        self._whitener = system.first_whitener
+        self._linearised = system.first.residual, system.first.rows  # until a point is tried
+
+    def cost(self, point: LinearisationPoint) -> Array:
+        """Return the cost as of `inercal.estimation.search.Trials`."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            u = point.whitened
+            u = u**2 if self._loss is None else self._loss.cost(u)
+            return np.sum(u, axis=-1) + np.sum(point.prior**2, axis=-1)
+
+    def step(
+        self, point: LinearisationPoint, damping: Array, active: Bools
+    ) -> tuple[Array, Array, Bools]:
+        """Return moves as of `inercal.estimation.search.Trials`."""
+        some = slice(None) if active.all() else np.flatnonzero(active)
+        rows, weight = (a if len(a) == 1 else a[some] for a in (point.rows, point.weight))
+        u = point.whitened[some]
+        if self._loss is not None:
+            root = np.sqrt(self._loss.weight(u))
+            weight, u = root * weight, root * u
+        step = gauss_newton_steps.solve(
+            rows, weight, u, self._system.prior_rows, point.prior[some], damping[some]
+        )
+        return gauss_newton_steps.moves(step, self._system.basis, point.x, some)
+
+    def tried(
+        self, x: Array, point: LinearisationPoint, active: Bools
+    ) -> tuple[LinearisationPoint, Array]:
+        """Return a point and its cost as of `inercal.estimation.search.Trials`."""
+        self._linearised = self._system.evaluate(x)
+        tried = self._system.point(x, *self._linearised, self._whitener)
+        return tried, self.cost(tried)
+
+    def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
+        """Return the point as of `inercal.estimation.search.Trials`."""
+        return point._replace(x=np.where(chosen[:, None], x, point.x))
+
+    def accepted(
+        self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
+    ) -> LinearisationPoint:
+        """Return the merged point as of `inercal.estimation.search.Trials`."""
+        system, x = self._system, tried.x
+        x = x if chosen.all() else np.where(chosen[:, None], x, point.x)
+        # Where every trial stays at its point, so do its weights: a model beyond its fold is slow.
+        if not system.constant_noise and chosen.any():
+            self._whitener = system.whitener(x)
+            tried = system.point(x, *self._linearised, self._whitener)
+        return tried if chosen.all() else LinearisationPoint(*merge(chosen, tried, point))
+
+
+def _robust_covariance(
+    system: WhitenedProblem, point: LinearisationPoint, loss: Cauchy
+) -> tuple[Array, Bools]:
+    """Return the asymptotic covariance of an M-estimator (trials, k, k), and where it exists.
+
+    K² H⁻¹ M H⁻¹ with N = AᵀA of the observations and P of the priors, H = mean(ψ′) N + P,
+    M = Σψ²/ν N + P and K = 1 + (k/m) var(ψ′)/mean(ψ′)²: without priors it is the first form in
+    Huber 1981, Robust Statistics, section 7.6. Priors are Gaussian and enter H and M whole.
+    """
+    u, weight = point.whitened, point.weight
+    slope = loss.slope(u)
+    mean = np.mean(slope, axis=-1)
+    pull = np.sum((loss.weight(u) * u) ** 2, axis=-1) / max(system.dof, 1)
+    # More outliers than good observations: the curvature is gone, and with it the formula.
+    usable = mean > 0.05
+    mean = np.where(usable, mean, 1.0)
+    inverse, ok = gauss_newton_steps.covariance(
+        point.rows, np.sqrt(mean)[:, None] * weight, system.prior_rows
+    )
+    rows = weight[..., None] * point.rows
+    normal = np.swapaxes(rows, -1, -2) @ rows
+    meat = pull[:, None, None] * normal + system.prior_rows.T @ system.prior_rows
+    k = 1 + system.free / system.m * np.var(slope, axis=-1) / mean**2
+    return k[:, None, None] ** 2 * (inverse @ meat @ inverse), ok & usable

@@ -1,0 +1,182 @@
+"""The effect on a Kalman filter's innovations of a constant that is not a state, compiled.
+
+Let the constant q add d q to the states at each epoch and c q to the observations. The filter's
+estimates are then biased by U q, and its innovations by S q (Friedland's separate bias)::
+
+    predict   U ← Φ U + d
+    update    S = h·U + c        U ← U − k S
+
+with the filter's Φ, h and k (`kalman.FilterSteps`). U begins at zero, or with 1 in the row of a
+state whose value differs by q from its prior mean. The recursion includes all states of the filter
+and their priors, so S is the part that they cannot absorb. The innovations ν of variance s are
+therefore regressed on S alone, without a Jacobian of the states: for columns S of many constants
+
+    G = Σ Sᵀ S / s        b = Σ Sᵀ ν / s
+
+are all that a score test needs, and −U at the end is the shift of the estimates per unit of each.
+
+Source: Friedland 1969, IEEE TAC 14(4), 359–367; Willsky and Jones 1976, IEEE TAC 21(1), 108–112
+(tests of innovations for constants that begin at a known time).
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.estimation.kalman import FilterSteps
+from inercal.estimation.kernel_options import kernel
+
+Indices = NDArray[np.int64]
+
+_ROWS = 512  # whitened rows that are multiplied at once
+
+
+class OmittedSums(NamedTuple):
+    """Sums over a run, for C constants and n states."""
+
+    gram: Array  # G, (C, C)
+    product: Array  # b, (C,)
+    moved: Array  # −U at the end, (n, C)
+
+
+def omitted_constant_sums(
+    pieces: Iterable[tuple[FilterSteps, Array, Array]],
+    start: Array,
+    at: int,
+    row: int,
+    tested: int | None = None,
+) -> OmittedSums:
+    """Return what D constants that drive states and B that are observed make of the innovations.
+
+    Parameters
+    ----------
+    pieces : iterable of (steps, driven, seen)
+        One after the other: steps of e epochs, all kept, m observations each; driven, (e, r, D),
+        is d of the states from `at` on, not taken where nothing was observed; seen, (e, o, B), is c
+        of the observations from `row` on.
+    start : (n, D + B) array
+        U before the first epoch.
+    at : int
+    row : int
+    tested : int, optional
+        Observations of each epoch that count; all where it is left out.
+    """
+    x = np.array(start, dtype=float, order="C")
+    c = x.shape[1]
+    square = np.zeros((c + 1, c + 1))
+    for steps, driven, seen in pieces:
+        _add_piece(
+            steps, x, np.ascontiguousarray(driven), at, np.ascontiguousarray(seen), row, tested,
+            square,
+        )  # fmt: skip
+    return OmittedSums(square[:c, :c].copy(), square[:c, c].copy(), -x)
+
+
+def _add_piece(
+    steps: FilterSteps,
+    x: Array,
+    driven: Array,
+    at: int,
+    seen: Array,
+    row: int,
+    tested: int | None,
+    square: Array,
+) -> None:
+    """Carry U, `x`, over the epochs of a piece and add the products of its rows, in place."""
+    (epochs, k, _), c = steps.a.shape, x.shape[1]
+    # The innovations are one more column: they go into the products as the others do.
+    rows = np.zeros((max(_ROWS, steps.s.shape[1]), c + 1))
+    # The kernel allocates nothing and multiplies no matrices: that takes long to compile.
+    work = np.zeros((k + 1, c))
+    count = steps.s.shape[1] if tested is None else tested
+    ends, epoch = np.zeros(2, np.int64), 0
+    while epoch < epochs:
+        _whiten_rows(
+            steps.a, steps.keep, steps.h, steps.gain, steps.off, steps.s, x, driven, at, seen, row,
+            count, epoch, work, rows, ends,
+        )  # fmt: skip
+        epoch = int(ends[0])
+        whitened = rows[: ends[1]]
+        square += whitened.T @ whitened
+
+
+@kernel
+def _whiten_rows(
+    a: Array,
+    keep: Array,
+    h: Array,
+    gain: Array,
+    off: Array,
+    s: Array,
+    x: Array,
+    driven: Array,
+    at: int,
+    seen: Array,
+    row: int,
+    tested: int,
+    first: int,
+    work: Array,
+    rows: Array,
+    ends: Indices,
+) -> None:
+    """Carry U, `x`, in place over epochs from `first` on; write whitened rows until they are full.
+
+    `ends` (2,) is where to go on and how many rows are written; `work`, (k + 1, c), is any.
+    """
+    k, n, r, d = a.shape[1], a.shape[2], driven.shape[1], driven.shape[2]
+    o, c, m = seen.shape[1], x.shape[1], s.shape[1]
+    column, filled = work[k], 0
+    for e in range(first, a.shape[0]):
+        if filled + tested > rows.shape[0]:
+            ends[0], ends[1] = e, filled
+            return
+        for i in range(k):
+            for q in range(c):
+                work[i, q] = 0.0
+            for j in range(n):
+                size = a[e, i, j]
+                if size != 0.0:
+                    for q in range(c):
+                        work[i, q] += size * x[j, q]
+        for i in range(k):
+            for q in range(c):
+                x[i, q] = work[i, q]
+        for j in range(k, n):
+            if keep[e, j] != 1.0:
+                for q in range(c):
+                    x[j, q] *= keep[e, j]
+        observed = False
+        for j in range(m):
+            observed |= s[e, j] > 0.0
+        if not observed:
+            continue
+        for i in range(r):
+            for q in range(d):
+                x[at + i, q] += driven[e, i, q]
+        for j in range(m):
+            if not s[e, j] > 0.0:
+                continue
+            for q in range(c):
+                column[q] = 0.0
+            if row <= j < row + o:
+                for q in range(d, c):
+                    column[q] = seen[e, j - row, q - d]
+            for i in range(n):
+                size = h[e, j, i]
+                if size != 0.0:
+                    for q in range(c):
+                        column[q] += size * x[i, q]
+            for i in range(n):
+                size = gain[e, j, i]
+                for q in range(c):
+                    x[i, q] -= size * column[q]
+            if j < tested:
+                root = np.sqrt(s[e, j])
+                for q in range(c):
+                    rows[filled, q] = column[q] / root
+                rows[filled, c] = off[e, j] / root
+                filled += 1
+    ends[0], ends[1] = a.shape[0], filled

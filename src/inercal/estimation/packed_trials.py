@@ -1,0 +1,173 @@
+"""Trials by their normal equations, which a problem computes itself, without their Jacobians."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation import gauss_newton_steps
+from inercal.estimation.nullspace import Observability
+from inercal.estimation.problem import NormalEquations, Problem
+from inercal.estimation.result import Estimate
+from inercal.estimation.search import Bools, merge
+from inercal.estimation.whitened_problem import gauge_basis
+
+
+class PackedPoint(NamedTuple):
+    """Normal equations at x, in free coordinates; all with the axis of trials."""
+
+    x: Array  # (trials, p)
+    residual: Array  # y − h(x), (trials, m)
+    weight: Array  # as of `NormalEquations`, (trials, m)
+    whitened: Array  # u, (trials, m)
+    normal: Array  # lower triangle of AᵀA, (trials, k (k + 1)/2)
+    gradient: Array  # Aᵀu, (trials, k)
+    prior: Array  # whitened μ − x, (trials, b)
+
+
+class PackedTrials:
+    """The trials of a problem as `inercal.estimation.search` takes them.
+
+    Parameters
+    ----------
+    problem : Problem
+        With `normal_equations`.
+    trials : int
+
+    Raises
+    ------
+    InputError
+        A residual at the start that is not finite, or a noise there that is not positive.
+    """
+
+    def __init__(self, problem: Problem, trials: int):
+        assert problem.normal_equations is not None
+        self.problem, self.trials, self._of = problem, trials, problem.normal_equations
+        self.reweighted = callable(problem.noise)
+        self.basis, start = gauge_basis(problem)
+        rows = [prior.rows(problem.names) for prior in problem.priors]
+        none = np.zeros((0, len(problem.names)))
+        self._prior_full = np.concatenate([none, *(one for one, _ in rows)])
+        self._prior_rows = self._prior_full if self.basis is None else self._prior_full @ self.basis
+        targets = [np.broadcast_to(target, (trials, target.shape[-1])) for _, target in rows]
+        self._target = np.concatenate([np.zeros((trials, 0)), *targets], axis=-1)
+        self.first = self._point(
+            np.broadcast_to(start, (trials, start.shape[-1])), np.arange(trials)
+        )
+        self.m = self.first.residual.shape[-1]
+        self._check_start()
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom."""
+        fixed = 0 if self.basis is None else self.basis.shape[0] - self.basis.shape[1]
+        return self.m + len(self._prior_rows) + fixed - len(self.problem.names)
+
+    def _check_start(self) -> None:
+        if not np.isfinite(self.first.residual).all():
+            raise InputError(
+                "a residual or a derivative of the model is not finite at the start values; "
+                "check the readings and the stated values for extreme numbers",
+                key="linearise",
+            )
+        positive = np.isfinite(self.first.weight).all(axis=0)
+        if not positive.all():
+            bad = int(np.flatnonzero(~positive)[0])
+            label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
+            raise InputError(
+                f"the standard deviation of observation {label} is not positive; give one above 0",
+                key="noise",
+                names=(label,),
+            )
+
+    def _point(self, x: Array, which: NDArray[np.intp]) -> PackedPoint:
+        """Return the point of the trials at these places, at x of their own."""
+        found = self._of(x, which)
+        if self.basis is not None:
+            found = _in_free_coordinates(found, self.basis)
+        return PackedPoint(x, *found, self._target[which] - x @ self._prior_full.T)
+
+    def cost(self, point: PackedPoint) -> Array:
+        """Return the cost as of `inercal.estimation.search.Trials`."""
+        return _squares(point.whitened) + _squares(point.prior)
+
+    def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
+        """Return moves as of `inercal.estimation.search.Trials`."""
+        some = slice(None) if active.all() else np.flatnonzero(active)
+        step = gauss_newton_steps.solve_packed(
+            point.normal[some],
+            point.gradient[some],
+            self._prior_rows,
+            point.prior[some],
+            damping[some],
+        )
+        return gauss_newton_steps.moves(step, self.basis, point.x, some)
+
+    def tried(self, x: Array, point: PackedPoint, active: Bools) -> tuple[PackedPoint, Array]:
+        """Return a point and its cost as of `inercal.estimation.search.Trials`."""
+        which = np.flatnonzero(active)
+        tried = self._point(x[which], which)
+        if len(which) < len(active):
+            whole = PackedPoint(*(a.copy() for a in point))
+            for a, b in zip(whole, tried, strict=True):
+                a[which] = b
+            tried = whole
+        if not self.reweighted:
+            return tried, self.cost(tried)
+        return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
+
+    def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
+        """Return the point as of `inercal.estimation.search.Trials`."""
+        return point._replace(x=np.where(chosen[:, None], x, point.x))
+
+    def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
+        """Return the merged point as of `inercal.estimation.search.Trials`."""
+        return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))
+
+    def estimate(
+        self,
+        point: PackedPoint,
+        structure: Observability,
+        converged: Bools,
+        iterations: NDArray[np.intp],
+    ) -> Estimate:
+        """Return the estimate at a solution."""
+        covariance, exists = gauss_newton_steps.covariance_packed(point.normal, self._prior_rows)
+        if self.basis is not None:
+            covariance = self.basis @ covariance @ self.basis.T
+        return Estimate(
+            names=self.problem.names,
+            value=point.x,
+            covariance=covariance,
+            chi2=self.cost(point),
+            dof=self.dof,
+            residual=point.residual,
+            whitened=point.whitened,
+            observations=self.problem.observations,
+            wanted=self.problem.wanted,
+            rank=structure.rank,
+            singular_values=structure.singular_values,
+            null_directions=structure.null_directions,
+            weakest=structure.weakest,
+            converged=converged & exists,
+            iterations=iterations,
+        )
+
+
+def _squares(u: Array) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.einsum("ij,ij->i", u, u)
+
+
+def _in_free_coordinates(found: NormalEquations, basis: Array) -> NormalEquations:
+    """Return the equations of the moves t, x = x₀ + B t."""
+    (p, k), (trials, _) = basis.shape, found.normal.shape
+    whole = np.zeros((trials, p, p))
+    rows, columns = np.tril_indices(p)
+    whole[:, rows, columns] = whole[:, columns, rows] = found.normal
+    rows, columns = np.tril_indices(k)
+    return found._replace(
+        normal=(basis.T @ whole @ basis)[:, rows, columns], gradient=found.gradient @ basis
+    )

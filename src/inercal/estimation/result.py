@@ -1,0 +1,286 @@
+"""The result of an estimator: values, their covariance, and tests of the model.
+
+χ² counts the whitened residuals of the observations and of the priors; its degrees of freedom are
+observations + prior rows + gauge rows − parameters. Where χ² exceeds its 95 % bound, noise or model
+are worse than stated, and uncertainties are enlarged by the Birge ratio √(χ²/ν)
+(Birge 1932, Physical Review 40, 207–227).
+"""
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.filter_history import FilterHistory
+from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.noise_scale import WhitenedRows
+from inercal.estimation.nullspace import NullDirection
+from inercal.estimation.residual_scatter import ScatterModel
+from inercal.estimation.scores import (
+    NO_SCORE_TESTS,
+    ModelTest,
+    ScoreTestSet,
+    chi2_tail_probabilities,
+)
+
+_LEVEL = 0.95
+NO_ROWS: LazyValue[None] = LazyValue(lambda: None)
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualGroup:
+    """Observations of one kind, with a χ² test for this kind alone.
+
+    Parameters
+    ----------
+    name, unit : str
+        Of the kind, and the SI unit of its residuals.
+    labels : tuple of k str
+        One for each observation.
+    residual : (k, q) array
+        q components each, in the unit.
+    sd : (k, q) array
+        Standard deviations of the residuals as stated, `spread` included.
+    chi2, dof : float and int
+        By the noise as stated.
+    spread : ScatterModel
+        Share and excess of the noise by χ², in the unit of the residuals, or of the readings that
+        they are computed from.
+    enlarged : bool
+        Whether the uncertainties that follow from the group were enlarged by its Birge ratio.
+    """
+
+    name: str
+    unit: str
+    labels: tuple[str, ...]
+    residual: Array
+    sd: Array
+    chi2: float
+    dof: int
+    spread: ScatterModel
+    enlarged: bool = False
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a χ² at least as large if the noise is as stated; 1 without dof."""
+        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+
+    @property
+    def scatter_ratio(self) -> float:
+        """Scatter of the residuals over the stated scatter, √(χ²/ν); 1 without dof."""
+        return float((self.chi2 / self.dof) ** 0.5) if self.dof > 0 else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The solution of a problem, or of one problem for each trial.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The p parameters, in the order of every vector.
+    value : (..., p) array
+        Estimates.
+    covariance : (..., p, p) array
+        Their covariance as modelled, from the stated noise and priors; NaN where it does not exist.
+    chi2 : (...) array
+        Sum of squared whitened residuals; with a robust loss each counts as its limited pull ψ.
+    dof : int
+        Degrees of freedom of `chi2`.
+    wanted : tuple of str
+        The wanted parameters; the others are nuisances.
+    rank : int
+        How many directions of the wanted parameters the data determine (first trial).
+    singular_values : array
+        Of those directions, descending: noise standard deviations per typical size.
+    converged : (...) bool array
+        False where the search ended without a minimum: such a value must not be used.
+    iterations : (...) int array
+        Steps tried.
+    residual, whitened : (..., m) array
+        y − h(x) in the observations' units, and whitened (no robust weights); none of formulas and
+        of filters.
+    observations : tuple of str
+        Their labels, or empty.
+    null_directions : tuple of NullDirection
+        Directions that the data do not determine, where the values come from priors.
+    weakest : NullDirection or None
+        The direction of the smallest singular value.
+    groups : tuple of ResidualGroup
+        Kinds of observations, where a method tests each kind separately. The covariance then
+        contains their excess, `chi2` is computed without it, and no Birge ratio is applied.
+    notes : tuple of str
+        Remarks of the method on the result.
+    courses : tuple of FilterHistory
+        Of sequential estimators, the estimates over the run (first trial).
+    tests : tuple of ModelTest
+        Tests of the model other than `chi2` or those of its groups (first trial).
+    scoring : LazyValue of ScoreTestSet
+        Returns the score tests, computed at the first call.
+    sensitivities : mapping of str to (..., p) array
+        ∂(estimates)/∂(stated value) of quantities whose uncertainty is in `covariance` but that are
+        no parameters: known and eliminated ones, or those that parts of an estimator share.
+    noise_dof : float
+        Degrees of freedom behind the noise of one channel; not finite where it is stated.
+    noise_channels : int
+        Number of channels whose noise was found separately.
+    joint_priors : frozenset of str
+        Quantities known beforehand whose correlations the estimator has counted.
+    rows : LazyValue of WhitenedRows or None
+        The problem linearised at the solution; None where it was not kept.
+    """
+
+    names: tuple[str, ...]
+    value: Array
+    covariance: Array
+    chi2: Array
+    dof: int
+    wanted: tuple[str, ...]
+    rank: int
+    singular_values: Array
+    converged: NDArray[np.bool_]
+    iterations: NDArray[np.intp]
+    residual: Array = field(default_factory=lambda: np.zeros(0))
+    whitened: Array = field(default_factory=lambda: np.zeros(0))
+    observations: tuple[str, ...] = ()
+    null_directions: tuple[NullDirection, ...] = ()
+    weakest: NullDirection | None = None
+    groups: tuple[ResidualGroup, ...] = ()
+    notes: tuple[str, ...] = ()
+    courses: tuple[FilterHistory, ...] = ()
+    tests: tuple[ModelTest, ...] = ()
+    scoring: LazyValue[ScoreTestSet] = NO_SCORE_TESTS
+    sensitivities: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    noise_dof: float = np.inf
+    noise_channels: int = 1
+    joint_priors: frozenset[str] = frozenset()
+    rows: LazyValue[WhitenedRows] | LazyValue[None] = NO_ROWS
+
+    @classmethod
+    def from_closed_form(
+        cls,
+        names: tuple[str, ...],
+        value: Array,
+        covariance: Array,
+        singular_values: Array,
+        notes: tuple[str, ...] = (),
+    ) -> "Estimate":
+        """Return what closed formulas give, (p,): they leave no residual to test them by."""
+        return cls(
+            names=names,
+            value=value,
+            covariance=covariance,
+            chi2=np.zeros(()),
+            dof=0,
+            wanted=names,
+            rank=len(names),
+            singular_values=singular_values,
+            converged=np.array(True),
+            iterations=np.array(0),
+            notes=notes,
+        )
+
+    @cached_property
+    def score_tests(self) -> ScoreTestSet:
+        """Score tests of what was not estimated; none where there are trials."""
+        return replace(self.scoring(), noise_dof=self.noise_dof)
+
+    @property
+    def p_value(self) -> Array:
+        """Probability of a χ² at least as large if noise and model are as stated; 1 without dof."""
+        return chi2_tail_probabilities(self.chi2, self.dof, self.noise_dof, self.noise_channels)
+
+    @property
+    def consistent(self) -> NDArray[np.bool_]:
+        """True where χ² is within its one-sided 95 % bound; of groups, where none has excess."""
+        if self.groups:
+            return np.array(all(group.spread.excess == 0 for group in self.groups))
+        if not self.dof:
+            return np.ones(np.shape(self.chi2), dtype=bool)
+        return self.chi2 <= scipy.special.chdtri(self.dof, 1 - _LEVEL)
+
+    @property
+    def birge(self) -> Array:
+        """Factor on the uncertainties, (...): 1 where consistent or excess is in, else √(χ²/ν)."""
+        if self.groups:
+            return np.ones(np.shape(self.chi2))
+        return np.where(self.consistent, 1.0, np.sqrt(self.chi2 / max(self.dof, 1)))
+
+    @property
+    def largest_birge_ratio(self) -> Array:
+        """Scatter of the residuals over the stated scatter, (...), 1 where it is not larger.
+
+        The Birge ratio, or the largest ratio of a group whose uncertainties were enlarged by it or
+        by an excess.
+        """
+        ratios = [one.scatter_ratio for one in self.groups if one.enlarged or one.spread.excess]
+        return np.maximum(self.birge, max(ratios, default=1.0))
+
+    @property
+    def stated_covariance(self) -> Array:
+        """Covariance to state, (..., p, p): as modelled, times the square of the Birge ratio."""
+        return self.birge[..., None, None] ** 2 * self.covariance
+
+    @property
+    def std(self) -> Array:
+        """Standard uncertainties to state, (..., p)."""
+        return np.sqrt(np.diagonal(self.stated_covariance, axis1=-2, axis2=-1))
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation coefficients, (..., p, p); zero where a gauge leaves no uncertainty."""
+        sd = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+        product = sd[..., :, None] * sd[..., None, :]
+        return self.covariance / np.where(product > 0, product, 1.0)
+
+    def sensitivity(self, name: str, sd: float) -> Array | None:
+        """Return ∂(estimates)/∂(stated value) of a quantity known beforehand, (..., p).
+
+        With a prior N(q₀, sd²) that is cov(estimates, q) / sd², by the covariance as modelled.
+
+        Parameters
+        ----------
+        name : str
+        sd : float
+            Of the prior, positive.
+
+        Returns
+        -------
+        (..., p) array or None
+            None where the covariance does not count the quantity.
+        """
+        if name in self.sensitivities:
+            return self.sensitivities[name]
+        if name not in self.names:
+            return None
+        return self.covariance[..., self.names.index(name)] / sd**2
+
+    def select(self, names: Sequence[str]) -> "Estimate":
+        """Return the estimate of these parameters only, in this order.
+
+        Raises
+        ------
+        InputError
+            A name that was not estimated.
+        """
+        unknown = tuple(name for name in names if name not in self.names)
+        if unknown:
+            raise InputError(
+                f"'{unknown[0]}' was not estimated; the estimate has {', '.join(self.names)}",
+                names=unknown,
+            )
+        index = [self.names.index(name) for name in names]
+        return replace(
+            self,
+            names=tuple(names),
+            value=self.value[..., index],
+            covariance=self.covariance[..., index, :][..., index],
+            wanted=tuple(name for name in self.wanted if name in names),
+            sensitivities={name: by[..., index] for name, by in self.sensitivities.items()},
+        )

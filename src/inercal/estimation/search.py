@@ -1,0 +1,171 @@
+"""The search for the minimum: Levenberg–Marquardt, for many trials at once.
+
+Minimises  Σ ρ(uᵢ(x)) + Σ |L⁻¹(μ − x)|²  over x that satisfy the gauges, where u is the whitened
+residual and ρ = u² or a robust loss. Each step solves the equations of `gauss_newton_steps`
+(Marquardt 1963, SIAM J. 11, 431–441). Each trial has its own damping, acceptance and convergence;
+the damping follows the gain of the last step (Nielsen 1999, IMM-REP-1999-05). The search starts
+undamped, since calibrations are nearly linear.
+
+A trial has converged when the error that the next step would leave is negligible against the cost:
+with δ₀, δ the last two steps in standard deviations, δ²·max(δ²/δ₀², 10⁻⁵) < 10⁻¹⁵ cost + ε, ε the
+cost of rounding (δ² alone where weights are iterated); or when the step is below 10⁻¹² of every
+parameter or of its typical size. The bound 10⁻⁵ is for the residuals, which keep the rate of later
+steps above that of the first ones. The last step is still taken: where it is below 10⁻⁸ of a
+standard deviation, without computing residuals and derivatives again. Otherwise it is rejected only
+if it raises the cost and predicts a fall below rounding: where χ² is far below one, rounding is a
+large part of it.
+"""
+
+from collections.abc import Iterable
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.estimation.problem import Problem
+
+Bools = NDArray[np.bool_]
+
+# λ after the first rejected step, the least nonzero λ, and λ at which a search ends.
+_FIRST, _LEAST, _MOST = 1e-2, 1e-12, 1e14
+_NEGLIGIBLE = 1e-16  # of a step, the square of its length in standard deviations
+
+
+class Point(Protocol):
+    """A problem linearised at x (trials, p); a named tuple of arrays with the axis of trials."""
+
+    @property
+    def x(self) -> Array:
+        """Parameters (trials, p)."""
+        ...
+
+    def __iter__(self) -> Iterable[Array]: ...
+
+
+P = TypeVar("P", bound=Point)
+
+
+class Trials(Protocol[P]):
+    """Problems of one structure that are solved together."""
+
+    problem: Problem
+    trials: int
+    m: int
+
+    @property
+    def first(self) -> P:
+        """The point where the search starts."""
+        ...
+
+    @property
+    def reweighted(self) -> bool:
+        """Whether weights change from step to step."""
+        ...
+
+    def cost(self, point: P) -> Array:
+        """Return Σ ρ(u) + Σ v² at a point, (trials,)."""
+        ...
+
+    def step(self, point: P, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
+        """Return moves of x (trials, p), predicted falls (trials,), which exist; of active ones."""
+        ...
+
+    def tried(self, x: Array, point: P, active: Bools) -> tuple[P, Array]:
+        """Return the point at x, (trials, p), and its cost by the weights of `point`.
+
+        Trials that are not active stay where they are.
+        """
+        ...
+
+    def with_values(self, point: P, x: Array, chosen: Bools) -> P:
+        """Return the point with x, (trials, p), in the chosen trials, and all else as it is."""
+        ...
+
+    def accepted(self, tried: P, point: P, chosen: Bools) -> P:
+        """Return the tried point, by its own weights, in the chosen trials, `point` in others."""
+        ...
+
+
+def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, NDArray[np.intp]]:
+    """Return the last point, which trials converged (trials,), and the steps tried (trials,).
+
+    Parameters
+    ----------
+    system : Trials
+    max_iterations : int
+        Steps tried at most.
+    """
+    trials = system.trials
+    point = system.first
+    cost, previous = system.cost(point), np.zeros(trials)
+    damping, growth = np.zeros(trials), np.full(trials, 2.0)
+    converged, active = np.zeros(trials, dtype=bool), np.ones(trials, dtype=bool)
+    iterations = np.zeros(trials, dtype=np.intp)
+    for _ in range(max_iterations):
+        move, predicted, ok = system.step(point, damping, active)
+        settled = (
+            ok
+            & (damping <= 1e-3)
+            & _has_converged(system, point.x, move, predicted, previous, cost)
+        )
+        iterations += active
+        last = active & settled & (damping == 0) & (predicted <= _NEGLIGIBLE)
+        if last.any():
+            point = system.with_values(point, point.x + move, last)
+            move[last] = 0.0
+            converged |= last
+            active &= ~last
+            if not active.any():
+                break
+
+        # By the weights of the old point: costs compare only under the same weights.
+        tried, cost_then = system.tried(point.x + move, point, active)
+        fall = cost - cost_then
+        # Where the promise is no more than the rounding of the cost, so is the fall: no failure.
+        slack = system.problem.rounding * cost + _rounding_cost(system)
+        gain = np.where(predicted > 1e3 * slack, fall / np.maximum(predicted, slack), 1.0)
+        # A point that is not finite falls by NaN, and so is refused.
+        accepted = ~active | (ok & (fall >= -slack) & (gain > 1e-3))
+
+        point = system.accepted(tried, point, accepted)
+        cost = system.cost(point)
+        # Weights that change slow the last steps down, so that the ratio of two promises too much.
+        if not system.reweighted:
+            previous = np.where(accepted & active, predicted, previous)
+        # A last step that promises less than rounding makes: the cost need not fall by it.
+        converged |= active & settled & (accepted | (predicted <= slack))
+        # Accepted: λ falls to a tenth at a full gain, and doubles at none. Refused: ever faster up.
+        less = damping * np.maximum(0.1, 1 - (2 * np.clip(gain, 0, 2) - 1) ** 3)
+        less[less < _LEAST] = 0.0
+        damping = np.where(accepted, less, np.maximum(damping * growth, _FIRST * (damping == 0)))
+        growth = np.where(accepted, 2.0, 2 * growth)
+        active = ~converged & (damping < _MOST)
+        if not active.any():
+            break
+    return point, converged, iterations
+
+
+def _has_converged(
+    system: Trials[P], x: Array, move: Array, predicted: Array, previous: Array, cost: Array
+) -> Bools:
+    """Return whether no error worth another step will be left after this one (trials,)."""
+    rate = np.maximum(predicted / np.maximum(previous, predicted + np.finfo(float).tiny), 1e-5)
+    size = 1e-12 * np.maximum(np.abs(x), system.problem.scale)
+    tiny = np.all(np.abs(move) <= size, axis=-1)
+    return tiny | (
+        predicted * np.where(previous > 0, rate, 1.0) <= 1e-15 * cost + _rounding_cost(system)
+    )
+
+
+def _rounding_cost(system: Trials[P]) -> float:
+    """Return the cost that rounding alone makes where the observations agree with the model."""
+    return 1e-20 + system.m * system.problem.rounding**2
+
+
+def merge(chosen: Bools, new: Iterable[Array], old: Iterable[Array]) -> list[Array]:
+    """Return the new arrays in the chosen trials, the old ones in the others."""
+    return [
+        np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+        for a, b in zip(new, old, strict=True)
+    ]

@@ -1,0 +1,28 @@
+"""Singular value decomposition, also where the usual algorithm does not converge."""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+
+from typing import cast
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+
+
+def svd(matrix: Array, *, full_matrices: bool = True) -> tuple[Array, Array, Array]:
+    """Return U, s and Vᵀ of a finite matrix, (m, n).
+
+    LAPACK's divide and conquer (gesdd) fails on rare matrices that hold very small numbers; its
+    older algorithm (gesvd) is slower and does not. A single column needs neither: most candidates
+    of a score test have one component.
+    """
+    if matrix.shape[1] == 1 and not full_matrices:
+        length = float(np.linalg.norm(matrix))
+        return matrix / (length or 1.0), np.array([length]), np.ones((1, 1))
+    try:
+        return np.linalg.svd(matrix, full_matrices=full_matrices)
+    except np.linalg.LinAlgError:
+        import scipy.linalg
+
+        found = scipy.linalg.svd(matrix, full_matrices=full_matrices, lapack_driver="gesvd")
+        return cast("tuple[Array, Array, Array]", found)

@@ -1,0 +1,193 @@
+"""Least squares of many trials, in blocks, so that memory does not grow with their number."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.fitting import LinearisedRows, estimate_at_solution
+from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
+from inercal.estimation.nullspace import Observability, observability
+from inercal.estimation.packed_trials import PackedTrials
+from inercal.estimation.problem import Problem
+from inercal.estimation.result import Estimate
+from inercal.estimation.search import search
+from inercal.estimation.whitened_problem import WhitenedProblem
+
+# No power of two: arrays of equal places modulo the size of a cache way would displace one another.
+BLOCK_TRIALS = 2000
+_COMPARED = 16  # trials, of which the fits from two starts are compared
+_LEAST_BLOCK = 100  # trials
+_BLOCK_BYTES = 20e6  # of covariances and Jacobians: problems of many parameters have small blocks
+_RESULTS = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
+
+
+def least_squares_of_trials(
+    trials: int,
+    problem_of: Callable[[slice], Problem],
+    max_iterations: int = 200,
+    *,
+    refined: Callable[[slice, Estimate], Problem | None] | None = None,
+) -> Estimate:
+    """Solve the problem of each trial.
+
+    Parameters
+    ----------
+    trials : int
+        One or more.
+    problem_of : callable
+        From a slice to the problem of these trials, with their axis. All problems differ in numbers
+        alone, and the first trial decides which directions count as observable, as in
+        `least_squares`.
+    max_iterations : int, optional
+        Steps tried at most.
+    refined : callable, optional
+        From a slice and the estimate of these trials to the problem to solve next, such as with
+        another noise; its search begins at that estimate. None leaves the estimate as it is.
+
+    Raises
+    ------
+    InputError, NotObserved
+        As `least_squares`.
+    """
+    stages = _Stage(max_iterations), _Stage(max_iterations)
+    next_problem = refined or _no_problem
+
+    def solve(part: slice) -> Estimate:
+        solved = stages[0].solve(part, problem_of)
+        then = next_problem(part, solved)
+        if then is None:
+            return solved
+        begun = replace(then, start=solved.value)
+
+        def next_of(some: slice) -> Problem:
+            one = None if some == part else next_problem(some, _selected(solved, some))
+            return one or begun
+
+        return stages[1].solve(part, next_of)
+
+    first, *others = _blocks(trials, WhitenedProblem(problem_of(slice(0, 1))))
+    solved = solve(first)
+    if not others:
+        return solved
+    whole = _with_room(solved, trials)
+    _copy_results(solved, whole, first)
+    del solved  # a block at a time is in memory
+    for part in others:
+        _copy_results(solve(part), whole, part)
+    return whole
+
+
+def _no_problem(part: slice, solved: Estimate) -> None:
+    """Leave an estimate as it is."""
+
+
+class _Stage:
+    """Solves problems of one structure, which the first trial decides, block by block."""
+
+    def __init__(self, max_iterations: int):
+        self._max_iterations = max_iterations
+        self._structure: Observability | None = None
+        self._start: Array | None = None
+
+    def solve(self, part: slice, problem_of: Callable[[slice], Problem]) -> Estimate:
+        """Return the estimate of some trials; those of the first call begin with the first."""
+        if self._structure is not None:
+            return self._solve_from_others(part, problem_of(part), self._structure)
+        one = WhitenedProblem(problem_of(slice(0, 1)))
+        structure = observability(one, one.first)
+        solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
+        if solved.converged[0]:
+            # An accident at the solution, such as a parameter of zero, may hide what the start
+            # shows.
+            x = solved.value[:1]
+            at_solution = observability(one, one.point(x, *one.evaluate(x)))
+            structure = min(structure, at_solution, key=lambda s: s.rank)
+        self._structure = structure
+        self._start = _common_start(problem_of(part), solved)
+        return replace(solved, **structure._asdict())
+
+    def _solve_from_others(
+        self, part: slice, problem: Problem, structure: Observability
+    ) -> Estimate:
+        """Return the estimate by a search from the mean of other trials, where it succeeds."""
+        if self._start is not None:
+            try:
+                solved = _solve_block(
+                    replace(problem, start=self._start), part, structure, self._max_iterations
+                )
+            except InputError:  # it is not possible there, in some trial
+                solved = None
+            if solved is not None and solved.converged.all():
+                return solved
+        return _solve_block(problem, part, structure, self._max_iterations)
+
+
+def _common_start(problem: Problem, solved: Estimate) -> Array | None:
+    """Return the mean solution if it fits some trials better than the start that all share.
+
+    Many sensors of one type, or one sensor with other noise in each trial, are nearer to one
+    another than to a perfect sensor. None where each trial has a start of its own.
+    """
+    if problem.normal_equations is None or problem.start.ndim > 1 or not solved.converged.all():
+        return None
+    mean = solved.value.mean(axis=0)
+    some = np.arange(min(len(solved.value), _COMPARED))
+
+    def cost(x: Array) -> Array:
+        assert problem.normal_equations is not None
+        found = problem.normal_equations(np.tile(x, (some.size, 1)), some)
+        with np.errstate(over="ignore"):
+            return np.sum(found.whitened**2, axis=-1)
+
+    return mean if np.all(cost(mean) < cost(problem.start)) else None
+
+
+def _solve_block(
+    problem: Problem, part: slice, structure: Observability, max_iterations: int
+) -> Estimate:
+    trials = part.stop - part.start
+    if problem.normal_equations is not None and trials > QR_MAX_TRIALS:
+        packed = PackedTrials(problem, trials)
+        point, converged, iterations = search(packed, max_iterations)
+        return packed.estimate(point, structure, converged, iterations)
+    system = WhitenedProblem(problem)
+    at, converged, iterations = search(LinearisedRows(system), max_iterations)
+    return estimate_at_solution(system, at, structure, converged, iterations)
+
+
+def _selected(solved: Estimate, part: slice) -> Estimate:
+    return replace(solved, **{name: getattr(solved, name)[part] for name in _RESULTS})
+
+
+def _copy_results(solved: Estimate, whole: Estimate, part: slice) -> None:
+    for name in _RESULTS:
+        getattr(whole, name)[part] = getattr(solved, name)
+
+
+def _with_room(solved: Estimate, trials: int) -> Estimate:
+    """Return the estimate with arrays for the results of all trials."""
+    arrays: dict[str, Any] = {}
+    for name in _RESULTS:
+        own = getattr(solved, name)
+        arrays[name] = np.empty((trials, *own.shape[1:]), own.dtype)
+    return replace(solved, **arrays)
+
+
+def _blocks(trials: int, one: WhitenedProblem) -> list[slice]:
+    """Return slices of nearly equal lengths: a short rest would be solved another way.
+
+    The first is shorter, since the others begin at its solutions.
+    """
+    p = len(one.problem.names)
+    most = min(BLOCK_TRIALS, max(_LEAST_BLOCK, int(_BLOCK_BYTES / (8 * p * (p + one.m)))))
+    if trials <= most:
+        return [slice(0, trials)]
+    first = most // 5
+    count = -(-(trials - first) // most)
+    ends = [0, *(first + (trials - first) * k // count for k in range(count + 1))]
+    return [slice(a, b) for a, b in pairwise(ends)]

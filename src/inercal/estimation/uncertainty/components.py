@@ -1,0 +1,164 @@
+"""Variance components: how much sensors differ in truth, and how much of it is between lots.
+
+Each value has a standard uncertainty of its own, which scatters it, too::
+
+    y_ij = θ + L_i + S_ij + e_ij,   L ~ N(0, σ_L²),   S ~ N(0, σ²),   e_ij ~ N(0, u_ij²) known
+
+The estimator is that of Paule and Mandel (1982, Journal of Research of the National Bureau of
+Standards 87, 377–385), stage by stage: σ² such that the weighted squares about the means of the
+lots have their expectation, with w_ij = 1/(u_ij² + σ²) and g lots of n sensors,
+
+    Q(σ²) = Σ w_ij (y_ij − ȳ_i)² = n − g,
+
+then σ_L² likewise from the means of the lots, which have the variances 1/Σ_j w_ij. With equal u
+both are those of REML. Limits of σ are where Q has the quantiles of χ² (Viechtbauer 2007,
+Statistics in Medicine 26, 37–52). Errors that all sensors share, such as those of one bench, are
+not in this model: they shift θ, and no number of sensors lowers them.
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
+
+Indices = NDArray[np.intp]
+_PRECISION = 1e-9  # of σ², relative
+_STEPS = 200
+_LEAST = 1e-200  # variance of a value that has none
+
+
+@dataclass(frozen=True)
+class Component:
+    """A standard deviation with its limits.
+
+    Parameters
+    ----------
+    sd : float
+        0 where the values scatter less than their uncertainties alone would scatter them.
+    low, high : float
+        Limits with 95.45 % coverage.
+    dof : int
+    """
+
+    sd: float
+    low: float
+    high: float
+    dof: int
+
+
+@dataclass(frozen=True)
+class Components:
+    """The components of a random-effects model.
+
+    Parameters
+    ----------
+    mean, std : float
+        θ and its standard uncertainty, which holds the scatter alone (Hartung and Knapp 2001).
+    within : Component
+        Between sensors of one lot, or of all where there is one lot.
+    lots : Component or None
+        Between lots; None for one lot.
+    """
+
+    mean: float
+    std: float
+    within: Component
+    lots: Component | None
+
+
+def variance_components(value: Array, std: Array, lots: Indices | None = None) -> Components:
+    """Return mean, scatter within lots and scatter between lots of values of known uncertainty.
+
+    Parameters
+    ----------
+    value, std : (n,) arrays
+        Values and their standard uncertainties.
+    lots : (n,) array of int, optional
+        Lot of each value, from 0; every number up to the largest comes. One lot by default.
+
+    Raises
+    ------
+    InputError
+        Fewer than two values in each lot: their scatter is not observed.
+    """
+    lots = np.zeros(len(value), dtype=np.intp) if lots is None else lots
+    count = int(lots.max(initial=0)) + 1
+    dof = len(value) - count
+    if dof < 1:
+        raise InputError(
+            f"{len(value)} values in {count} lots: their scatter is not observed; give a lot with "
+            "two values or more"
+        )
+    within = _component(value, std, lots, count, dof)
+    weight = 1 / np.maximum(std**2 + within.sd**2, _LEAST)
+    total = np.bincount(lots, weight, count)
+    means, stds = np.bincount(lots, weight * value, count) / total, 1 / np.sqrt(total)
+    if count == 1:
+        return Components(float(means[0]), _mean_std(value, weight), within, None)
+    one = np.zeros(count, dtype=np.intp)
+    between = _component(means, stds, one, 1, count - 1)
+    weight = 1 / np.maximum(stds**2 + between.sd**2, _LEAST)
+    mean = float(weight @ means / weight.sum())
+    return Components(mean, _mean_std(means, weight), within, between)
+
+
+def _mean_std(value: Array, weight: Array) -> float:
+    """Return u of the weighted mean, never below that of the weights."""
+    total = weight.sum()
+    q = weight @ (value - weight @ value / total) ** 2 / (len(value) - 1)
+    return float(np.sqrt(max(q, 1.0) / total))
+
+
+def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) -> Component:
+    # About a common value, for large means lose digits.
+    variance, value = std**2, value - np.median(value)
+
+    def squares(excess: float) -> tuple[float, float]:
+        """Return Q and its derivative, to which the change of the means adds nothing."""
+        weight = 1 / (variance + excess)
+        total = np.bincount(lots, weight, count)
+        mean = np.bincount(lots, weight * value, count) / total
+        each = weight * (value - mean[lots]) ** 2
+        return float(each.sum()), -float(weight @ each)
+
+    spread = float(np.var(value))
+    tail = (1 - COVERAGE_PROBABILITY) / 2
+    least = 0.0 if np.all(variance > 0) else _PRECISION * spread
+    begin = max(spread - float(variance.mean()), least)
+    roots = [
+        0.0 if spread == 0 else _root(squares, size, least, begin)
+        for size in (
+            float(dof),
+            float(scipy.special.chdtri(dof, tail)),
+            float(scipy.special.chdtri(dof, 1 - tail)),
+        )
+    ]
+    sd, low, high = (root**0.5 for root in roots)
+    return Component(sd, low, high, dof)
+
+
+def _root(
+    squares: Callable[[float], tuple[float, float]], size: float, least: float, x: float
+) -> float:
+    """Return the excess variance at which `squares` is `size`; 0 where it is less everywhere.
+
+    Newton's steps: the function is convex and falls, so that they end below the root at the latest
+    after the first, and then rise to it.
+    """
+    for _ in range(_STEPS):
+        found, slope = squares(x)
+        if x <= least and found <= size:
+            return 0.0
+        step = (size - found) / slope
+        if abs(step) <= _PRECISION * x:
+            break
+        x = max(x + step, least)
+    return x

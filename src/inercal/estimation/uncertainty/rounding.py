@@ -1,0 +1,207 @@
+"""Means of readings that are rounded to steps: the error that no number of samples averages out.
+
+A reading is q·round(x/q) with x = μ + noise of standard deviation σ, s = σ/q. Noise of more than
+half a step averages the rounding out. With less noise the mean keeps an error that depends on where
+μ lies between two steps; over all such places its variance is
+
+    β² = q²/(2π²) Σ_j exp(−4π²j²s²)/j²,      q²/12 without noise
+
+and the samples scatter by v = σ² + q²/12 − β². Means whose true values are closer than a step share
+one place between two steps, and so one error: gyros at rest in any attitude. Accelerometers in
+different attitudes have independent errors.
+
+The noise of such readings is known by its lower bound only. For a grid of s the likelihood of the
+counts of each level, each rest with its own μ, is
+
+    P(level l) = Φ((l + ½ − μ)/s) − Φ((l − ½ − μ)/s)
+
+and the bound is the least s with 2Δ ln L ≤ 4, less one step of the grid. The scatter of the rests'
+means must not be used instead: where they share a place between two steps, it shows that place.
+
+Sources: Widrow and Kollár, Quantization Noise, Cambridge 2008 (the characteristic function of
+rounded readings); GUM F.2.2.1 for q²/12.
+"""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+
+_ORDERS = np.arange(1, 400)
+_GRID = 0.02  # of s
+_LARGEST = 0.8  # s, where the error of a mean is below 1e-6 of a step
+_LIKELY = 4.0  # 2Δ ln L of the bound
+_SECTIONS = 40  # to which the noise is fitted
+_WIDEST = 32  # levels of a section; noise of the grid spans 8
+_GOLDEN, _ROUNDS = (5**0.5 - 1) / 2, 24  # of the search for μ: to 1e-5 of its range
+_SAME = 1e-7  # of the span: values closer than this are one value
+_SIMILAR = 1.5  # times the least gap: gaps of one step in a text of few digits
+_PARTS = (1, 2, 3, 4)  # the step may be this part of the usual gap
+_OFF, _OFF_BY_TEXT, _LARGEST_OFF = 0.02, 0.35, 0.2  # of the step, of the text's last digit
+_MOST_DIGITS = 9  # decimals looked for
+_CLOSE = 12  # levels that are close together, of which places are counted from one to the next
+
+
+def mean_rounding_variance(noise: float) -> float:
+    """Return β²/q², the variance of the rounding error of a mean, by s = σ/q."""
+    return float(
+        np.sum(np.exp(-((2 * np.pi * noise * _ORDERS) ** 2)) / _ORDERS**2) / (2 * np.pi**2)
+    )
+
+
+def last_digit(values: Array) -> float:
+    """Return the unit of the last decimal place of values, (...); 0 below 1e-9."""
+    size = float(np.abs(values).max(initial=0.0))
+    for digits in range(_MOST_DIGITS + 1):
+        scaled = values * 10.0**digits
+        if np.all(np.abs(scaled - np.rint(scaled)) <= 4e-16 * size * 10.0**digits + 1e-12):
+            return 10.0**-digits
+    return 0.0
+
+
+class Ladder(NamedTuple):
+    """Even levels of readings: a + k q.
+
+    Parameters
+    ----------
+    step, first : float
+        q and a, in the unit of the readings.
+    off : float
+        Rms departure of the readings from the levels, by the digits that they are written with.
+    """
+
+    step: float
+    first: float
+    off: float
+
+    def indices(self, readings: Array) -> NDArray[np.int64]:
+        """Return the level k of each reading."""
+        return np.rint((readings - self.first) / self.step).astype(np.int64)
+
+
+def rounding_ladder(levels: Array) -> Ladder | None:
+    """Return the even levels to which readings are rounded; None where they have no common step.
+
+    The values need not be exact multiples: a step of .02 °/s written in rad/s with four decimals
+    has gaps of three and of four units of the last place.
+
+    Parameters
+    ----------
+    levels : (n,) array
+        The different values of a channel, sorted.
+    """
+    if levels.size < 2:
+        return None
+    gaps = np.diff(levels)
+    levels = levels[np.concatenate([[True], gaps > _SAME * (levels[-1] - levels[0])])]
+    gaps = np.diff(levels)
+    if not gaps.size:
+        return None
+    digit = last_digit(levels)
+    small = gaps[gaps <= _SIMILAR * float(np.quantile(gaps, 0.05))]
+    usual = float(small.mean())
+    for part in _PARTS:
+        found = _fitted_ladder(levels, usual / part, digit)
+        if found is not None:
+            return found
+    return None
+
+
+def _fitted_ladder(levels: Array, step: float, digit: float) -> Ladder | None:
+    """Return the ladder nearest to the levels by least squares; None where none is near enough.
+
+    From where levels are closest together the fit goes on to twice the range each time: a step that
+    is known roughly places near levels only.
+    """
+    few = min(_CLOSE, levels.size)
+    densest = int(np.argmin(levels[few - 1 :] - levels[: levels.size - few + 1]))
+    start, stop = densest, densest + few
+    near = levels[start:stop]
+    place = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(near) / step))])
+    while True:
+        about = place - place.mean()
+        length = float(about @ about)
+        step = float(about @ near) / length if length else 0.0
+        if not step > 0:
+            return None
+        first = float(near.mean() - step * place.mean())
+        if near.size == levels.size:
+            break
+        reach = near[-1] - near[0]
+        wider = np.searchsorted(levels, [near[0] - 0.5 * reach, near[-1] + 0.5 * reach]).tolist()
+        if wider == [start, stop]:  # nothing near beyond
+            wider = [max(start - 1, 0), min(stop + 1, levels.size)]
+        start, stop = wider
+        near = levels[start:stop]
+        place = np.rint((near - first) / step)
+    off = float(np.sqrt(np.mean((levels - first - step * place) ** 2)))
+    allowed = max(_OFF * step, min(_OFF_BY_TEXT * digit, _LARGEST_OFF * step))
+    return Ladder(step, first, off) if off <= allowed else None
+
+
+def noise_lower_bound(sections: Sequence[NDArray[np.int64]]) -> float:
+    """Return the lower bound of s = σ/q from readings within sections.
+
+    Parameters
+    ----------
+    sections : sequence of (n,) arrays of int
+        Level of each sample, in steps; each section has a true value of its own.
+    """
+    chosen = sections[:: max(1, -(-len(sections) // _SECTIONS))]
+    # A section that spans many levels moves, or has noise beyond the grid.
+    chosen = [one for one in chosen if int(one.max()) - int(one.min()) < _WIDEST]
+    if not chosen:
+        return _LARGEST
+    lows = np.array([int(one.min()) for one in chosen])
+    width = max(int(one.max()) - low for one, low in zip(chosen, lows.tolist(), strict=True)) + 1
+    counts = np.stack(
+        [np.bincount(one - low, minlength=width) for one, low in zip(chosen, lows, strict=True)]
+    )
+    grid = np.arange(_GRID, _LARGEST + _GRID / 2, _GRID)
+    likelihood = _profile(counts.astype(np.float64), grid)
+    near = np.flatnonzero(2 * (likelihood.max() - likelihood) <= _LIKELY)
+    return float(grid[near[0]] - _GRID)
+
+
+def _profile(counts: Array, grid: Array) -> Array:
+    """Return ln L at each s of a grid, with the best μ of each section: concave in μ.
+
+    Parameters
+    ----------
+    counts : (r, k) array
+        Samples at each of k neighbouring levels, which begin at 0.
+    grid : (g,) array
+    """
+    from scipy.special import log_ndtr  # not loaded where a run file is only checked
+
+    level: Array = np.arange(counts.shape[1], dtype=np.float64)
+
+    def value(mu: Array) -> Array:
+        low: Array = (level - 0.5 - mu[..., None]) / grid[:, None]
+        high: Array = low + 1 / grid[:, None]
+        flip = low > 0  # probabilities of the upper tail lose no digits
+        ends: Array = np.stack([np.where(flip, -low, high), np.where(flip, -high, low)])
+        upper, lower = np.asarray(log_ndtr(ends), dtype=np.float64)
+        log: Array = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-300)))
+        return np.sum(np.where(counts[:, None] > 0, counts[:, None] * log, 0.0), axis=-1)
+
+    shape = (len(counts), grid.size)
+    filled = counts > 0
+    first = filled.argmax(axis=1) - 0.5
+    last = counts.shape[1] - filled[:, ::-1].argmax(axis=1) - 0.5
+    left = np.broadcast_to(first[:, None], shape).copy()
+    right = np.broadcast_to(last[:, None], shape).copy()
+    a, b = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
+    at_a, at_b = value(a), value(b)
+    for _ in range(_ROUNDS):
+        less: NDArray[np.bool_] = at_a < at_b
+        left, right = np.where(less, a, left), np.where(less, right, b)
+        a, b = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
+        at_a, at_b = value(a), value(b)
+    return np.maximum(at_a, at_b).sum(axis=0)

@@ -1,0 +1,206 @@
+"""A problem in the form that solvers take: checked, whitened, priors as rows, gauges as a basis.
+
+The free coordinates t reach the parameters by x = x₀ + B t. Without gauges B is the identity;
+with gauges C x = d its columns span the null space of C (scaled), so every x is exact in C.
+Inside, everything carries the axis of trials; a problem without one has a single trial.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.priors_and_gauges import cholesky
+from inercal.estimation.problem import Problem
+from inercal.estimation.singular_values import svd
+
+
+class LinearisationPoint(NamedTuple):
+    """The problem linearised at x, all with the axis of trials.
+
+    Rows and weights that all trials share keep an axis of one, so that they are not copied.
+    """
+
+    x: Array  # (trials, p)
+    residual: Array  # y − h(x), (trials, m)
+    rows: Array  # ∂h/∂t, (1 or trials, m, k), decorrelated where the noise is correlated
+    weight: Array  # factor that whitens each row, (1 or trials, m)
+    whitened: Array  # whitened residual, (trials, m)
+    prior: Array  # whitened μ − x, (trials, b)
+
+
+class Whitener(NamedTuple):
+    """1/sd, (1 or trials, m), or the inverse Cholesky factor, (1 or trials, m, m)."""
+
+    inverse: Array
+    full: bool
+
+
+class WhitenedProblem:
+    """A checked and whitened problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        It is linearised once, at its start, to check it and to learn m and the trials.
+
+    Raises
+    ------
+    InputError
+        Shapes, noise, gauges or values at the start that cannot be used.
+    """
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        p = len(problem.names)
+        self.basis, start = gauge_basis(problem)
+        rows = [prior.rows(problem.names) for prior in problem.priors]
+        self.prior_full = np.concatenate([np.zeros((0, p)), *(b for b, _ in rows)])
+        self.prior_rows = self.prior_full if self.basis is None else self.prior_full @ self.basis
+
+        with np.errstate(all="ignore"):
+            residual, jacobian = problem.linearise(start)
+        leads = [a.shape[:-1] for a in (start, residual, *(target for _, target in rows))]
+        leads.append(jacobian.shape[:-2])
+        if any(len(lead) > 1 for lead in leads):
+            raise InputError(
+                f"start, residual, Jacobian and priors have the leading shapes {leads}; give at "
+                "most one leading axis, that of trials"
+            )
+        try:
+            lead = np.broadcast_shapes(*leads)
+        except ValueError:
+            raise InputError(
+                f"start, residual, Jacobian and priors have {sorted(set(leads))} trials; give each"
+                " the same number",
+                key="start",
+            ) from None
+        self.single = lead == ()
+        self.trials = 1 if self.single else lead[0]
+        self.m = residual.shape[-1]
+        self.dof = self.m + len(self.prior_rows) + (p - self.free) - p
+        if problem.observations and len(problem.observations) != self.m:
+            raise InputError(
+                f"{len(problem.observations)} labels for {self.m} observations; give one for each",
+                key="observations",
+            )
+        if jacobian.shape[-2:] != (self.m, p):
+            raise InputError(
+                f"linearise returned a Jacobian of shape {jacobian.shape}; expected (..., "
+                f"{self.m}, {p})",
+                key="linearise",
+            )
+        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
+            raise InputError(
+                "a residual or a derivative of the model is not finite at the start values; "
+                "check the readings and the stated values for extreme numbers",
+                key="linearise",
+            )
+
+        targets = [np.broadcast_to(c, (self.trials, c.shape[-1])) for _, c in rows]
+        self.prior_target = np.concatenate([np.zeros((self.trials, 0)), *targets], axis=-1)
+        self.start = np.broadcast_to(start, (self.trials, p))
+        noise = problem.noise(start) if callable(problem.noise) else problem.noise
+        self.first_whitener = self._whitener(noise)
+        self.first = self.point(
+            self.start, *self._with_trials(residual, jacobian), self.first_whitener
+        )
+        # Observability counts the priors of nuisances, not those of wanted parameters.
+        known = [prior.marginal(problem.nuisances) for prior in problem.priors]
+        nuisance = [prior.rows(problem.names)[0] for prior in known if prior]
+        self.nuisance_rows = np.concatenate([np.zeros((0, p)), *nuisance])
+
+    @property
+    def free(self) -> int:
+        """Number of free coordinates k = p − gauge rows."""
+        return len(self.problem.names) if self.basis is None else self.basis.shape[1]
+
+    @property
+    def constant_noise(self) -> bool:
+        """Whether the weights are the same at every point."""
+        return not callable(self.problem.noise)
+
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Return residual (trials, m) and Jacobian (1 or trials, m, p) at x (trials, p)."""
+        # Far from the solution a model may overflow; the search rejects this point by its cost.
+        with np.errstate(all="ignore"):
+            residual, jacobian = self.problem.linearise(x[0] if self.single else x)
+        return self._with_trials(residual, jacobian)
+
+    def point(
+        self, x: Array, residual: Array, jacobian: Array, whitener: Whitener | None = None
+    ) -> LinearisationPoint:
+        """Whiten a linearisation at x, by the noise that belongs to x unless another is given."""
+        inverse, full = whitener or self.whitener(x)
+        rows = jacobian if self.basis is None else jacobian @ self.basis
+        if full:
+            with np.errstate(all="ignore"):
+                rows, weight = inverse @ rows, np.ones((1, self.m))
+                whitened = (inverse @ residual[..., None])[..., 0]
+        else:
+            # The rows stay as they are: in a large batch another copy costs as much as the model.
+            weight, whitened = inverse, inverse * residual
+        prior = self.prior_target - x @ self.prior_full.T
+        return LinearisationPoint(x, residual, rows, weight, whitened, prior)
+
+    def whitener(self, x: Array) -> Whitener:
+        """Return the whitening at x (trials, p)."""
+        if not callable(self.problem.noise):
+            return self.first_whitener
+        return self._whitener(self.problem.noise(x[0] if self.single else x))
+
+    def _with_trials(self, residual: Array, jacobian: Array) -> tuple[Array, Array]:
+        residual = np.broadcast_to(residual, (self.trials, self.m))
+        return residual, jacobian if jacobian.ndim == 3 else jacobian[None]
+
+    def _whitener(self, noise: Array) -> Whitener:
+        m, leads = self.m, ((), (1,), (self.trials,))
+        if self.problem.correlated:
+            if noise.shape[-2:] != (m, m) or noise.shape[:-2] not in leads:
+                raise self._noise_shape_error(noise, f"a covariance (..., {m}, {m})")
+            inverse = np.asarray(np.linalg.inv(cholesky(noise, "noise")), dtype=float)
+            return Whitener(inverse.reshape(-1, m, m), full=True)
+        if noise.shape[-1:] != (m,) or noise.shape[:-1] not in leads:
+            raise self._noise_shape_error(noise, f"standard deviations (..., {m})")
+        if not np.all(np.isfinite(noise) & (noise > 0)):
+            bad: int = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
+            label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
+            raise InputError(
+                f"the standard deviation of observation {label} is not positive; give one above 0",
+                key="noise",
+                names=(label,),
+            )
+        return Whitener(1 / noise.reshape(-1, m), full=False)
+
+    def _noise_shape_error(self, noise: Array, expected: str) -> InputError:
+        return InputError(
+            f"noise has shape {noise.shape}; expected {expected}, with no leading axis or one of "
+            f"1 or {self.trials}",
+            key="noise",
+        )
+
+
+def gauge_basis(problem: Problem) -> tuple[Array | None, Array]:
+    """Return the basis B (p, k) of the moves that gauges leave, and the start moved onto them."""
+    if not problem.gauges:
+        return None, problem.start
+    matrix = np.concatenate([gauge.rows(problem.names) for gauge in problem.gauges])
+    value = np.concatenate([gauge.value for gauge in problem.gauges])
+    # Rows of C·scale, brought to length one, so that the rank does not depend on units.
+    scaled = matrix * problem.scale
+    size = np.linalg.norm(scaled, axis=1)
+    if not np.all(size > 0):
+        raise InputError("a row of a gauge's matrix is zero; remove the row", key="gauge")
+    left, singular, right = svd(scaled / size[:, None])
+    q = len(value)
+    if q > len(problem.names) or singular[q - 1] < 1e-10:
+        words = tuple(gauge.words for gauge in problem.gauges)
+        raise InputError(
+            f"gauges {'; '.join(words)} are not independent; remove one of them",
+            key="gauge",
+            names=words,
+        )
+    short = (value - problem.start @ matrix.T) / size
+    move = ((short @ left) / singular) @ right[:q] * problem.scale
+    return problem.scale[:, None] * right[q:].T, problem.start + move

@@ -1,0 +1,151 @@
+"""The demonstration: an IMU on a simulated three-axis table, calibrated live, and judged.
+
+Table and IMU are processes of their own behind TCP and a pseudo-terminal; what runs them is what
+runs a bench of iron. Their clock waits for the host, so that the plan's minutes pass in seconds and
+the numbers are those of an unhurried run.
+
+The truth that it is judged by is that of the run file and, of the biases, the mean of the simulated
+flicker over the recording: so the bias is defined (`methods.turntable.drift`).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from inercal.basics.errors import InercalError
+from inercal.host.bench_run import BenchRun
+from inercal.host.bench_simulator import start_bench_simulator
+from inercal.host.packets import read_layout
+from inercal.host.run_completion import finish_run
+from inercal.host.run_execution import RunInterrupted, execute_run
+from inercal.host.run_folder import create_run, prepare_folder
+from inercal.host.sim.mimu import mean_drift, packet_rate
+from inercal.host.sim.simulated_errors import draw_errors
+from inercal.pipeline import Outcome
+from inercal.pipeline.truth import true_coefficients
+from inercal.report import require_report_packages
+from inercal.runfile import Run, read
+
+_PACKETS = "fixed"
+RUN_FILE, _PATH = "mimu.toml", "path.csv"
+
+
+@dataclass(frozen=True, eq=False)
+class DemonstrationResult:
+    """What came of it.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    truth : mapping of str to float
+        SI, of the biases the mean over the run.
+    nees : float
+        Normalised error squared against the truth, a coefficient; 1 is expected.
+    seconds : float
+        Of the bench.
+    speed : float
+        Seconds of the bench in one of the wall's.
+    files : mapping of str to str
+    """
+
+    outcome: Outcome
+    truth: Mapping[str, float]
+    nees: float
+    seconds: float
+    speed: float
+    files: Mapping[str, str]
+
+
+def demo(
+    folder: str | Path,
+    seed: int = 0,
+    *,
+    quick: bool = False,
+    show: Callable[[BenchRun], None] = lambda run: None,
+) -> DemonstrationResult:
+    """Run the plan on a simulated bench, calibrate live and from the recording, compare, report.
+
+    Parameters
+    ----------
+    folder : path
+        Made if need be; holds the run's files afterwards.
+    seed : int
+        Of the sensor's noise and of what is imperfect of the bench.
+    quick : bool
+        A path of five minutes instead of 24.
+    show : callable
+        Called with the run while it is active.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made, or holds a run already.
+    InercalError
+        The run was interrupted.
+    """
+    require_report_packages()
+    prepare_folder(folder)
+    with TemporaryDirectory() as plans:
+        run = _write_run_file(Path(plans), quick=quick)
+        with start_bench_simulator(run, seed, _PACKETS) as bench:
+            # The bench's processes have read the run file; from here on its copy counts.
+            result, journal = create_run(folder, run, bench.addresses)
+            with journal, result.removed_on_failure():
+                try:
+                    run_process = execute_run(
+                        result, journal, show=show, run_context=lambda _: bench.run_context()
+                    )
+                except RunInterrupted as error:
+                    raise InercalError(
+                        f"{folder}: the run of the demonstration was interrupted: {error}; start "
+                        "it again in another folder"
+                    ) from None
+
+                def truth(outcome: Outcome) -> Mapping[str, float]:
+                    return _truth_with_mean_biases(run, seed, outcome, run_process.time)
+
+                outcome, written = finish_run(
+                    result, journal, run_process.recorder.live_estimator, truth=truth
+                )
+    calibration, drifting = outcome.calibration, truth(outcome)
+    true = true_coefficients(calibration, drifting)
+    error = calibration.values - np.array([true[n] for n in calibration.sensor.coefficients])
+    nees = float(error @ np.linalg.solve(calibration.covariance, error)) / len(error)
+    return DemonstrationResult(
+        outcome, drifting, nees, run_process.time, run_process.speed, written
+    )
+
+
+def _truth_with_mean_biases(
+    run: Run, seed: int, outcome: Outcome, end: float
+) -> Mapping[str, float]:
+    """Return the truth with biases as means over the recording, which ends with the bench's time.
+
+    The IMU's clock may be off, by what is nothing here.
+    """
+    track = outcome.observations.track
+    assert track is not None
+    lasting = float(track.time[-1] - track.time[0])
+    rate = packet_rate(run, read_layout(_PACKETS), None)
+    drift = mean_drift(run, draw_errors(run, seed), rate, end - lasting, end)
+    result = dict(run.truth)
+    for channel, mean in zip(run.sensor.channels, drift.tolist(), strict=True):
+        for name in (f"{channel}.bias", f"{channel}.k0"):
+            if name in result:
+                result[name] += mean
+    return result
+
+
+def _write_run_file(folder: Path, *, quick: bool) -> Run:
+    """Return the demonstration's run file, written to a folder."""
+    packaged = files("inercal")
+    text = packaged.joinpath("demo.toml").read_text(encoding="utf-8")
+    if quick:
+        text = text.replace('path = "fast"', f'path = "{_PATH}"')
+        (folder / _PATH).write_bytes(packaged.joinpath("demo_path.csv").read_bytes())
+    (folder / RUN_FILE).write_text(text, encoding="utf-8")
+    return read(folder / RUN_FILE)

@@ -1,0 +1,1 @@
+"""A laboratory: register, certificates, control charts and repeated sessions."""

@@ -1,0 +1,190 @@
+"""A certificate as data: every item of ISO/IEC 17025:2017, 7.8.2 and 7.8.4, once.
+
+PDF and DCC are both written from it.
+"""
+
+from dataclasses import dataclass
+from datetime import date
+from math import inf
+from typing import Literal
+
+from inercal.basics.errors import InputError
+from inercal.calibration import Calibration
+from inercal.calibration.files import as_object
+from inercal.calibration.specification import Conformity
+from inercal.laboratory.certificate.job import require_complete
+from inercal.laboratory.certificate.marks import certificate_marks
+from inercal.laboratory.certificate.results import (
+    ResultSet,
+    judge_results,
+    make_results,
+    stated_capability,
+)
+from inercal.laboratory.certificate.texts import Language, Texts
+from inercal.runfile.job import JobSection
+from inercal.runfile.laboratory_file import LaboratoryFile
+
+Change = Literal["", "amended", "substituted"]
+
+
+@dataclass(frozen=True)
+class CertificateChange:
+    """How a certificate changes an earlier one.
+
+    Parameters
+    ----------
+    kind : "amended" or "substituted"; empty for none
+    previous : str
+        Number of the earlier certificate.
+    previous_sha256 : str
+        Of its DCC.
+    reason : str
+    """
+
+    kind: Change = ""
+    previous: str = ""
+    previous_sha256: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What a certificate states.
+
+    Parameters
+    ----------
+    number : str
+        Empty for a draft.
+    issued : date
+    texts : Texts
+    laboratory : LaboratoryFile
+    job : JobSection
+    results : tuple of ResultSet
+        One, or those before and after adjustment.
+    conformity : Conformity or None
+        Of the last results.
+    marks : tuple of str
+        Keys of [mark] in the table of texts.
+    change : CertificateChange
+    """
+
+    number: str
+    issued: date
+    texts: Texts
+    laboratory: LaboratoryFile
+    job: JobSection
+    results: tuple[ResultSet, ...]
+    conformity: Conformity | None
+    marks: tuple[str, ...]
+    change: CertificateChange
+
+    @property
+    def calibration(self) -> Calibration:
+        """The calibration that is certified."""
+        return self.results[-1].calibration
+
+    @property
+    def calibration_sha256(self) -> str:
+        """SHA-256 of the calibration file, as the file states it."""
+        return str(as_object(self.calibration)["sha256"])
+
+    @property
+    def first_day(self) -> date:
+        """First day of the measurement."""
+        assert self.job.measured is not None  # `require_complete`
+        return self.job.measured
+
+    @property
+    def last_day(self) -> date:
+        """Last day of the measurement."""
+        return self.job.last_day or self.first_day
+
+
+@dataclass(frozen=True, eq=False)
+class CertificateInput:
+    """All that a certificate is written from, except its number and the change it makes."""
+
+    calibration: Calibration
+    as_found: Calibration | None
+    laboratory: LaboratoryFile
+    job: JobSection
+    language: Language
+    issued: date
+    draft: bool = False
+
+
+def make_certificate(
+    given: CertificateInput, number: str, change: CertificateChange
+) -> Certificate:
+    """Return the certificate.
+
+    Raises
+    ------
+    InputError
+        An item of the standard is missing, the laboratory's policy refuses the calibration, dates
+        contradict one another, a calibration states no uncertainty, or the calibration as found is
+        of another sensor.
+    """
+    job, laboratory, calibration = given.job, given.laboratory, given.calibration
+    require_complete(job, laboratory)
+    last = job.last_day
+    assert job.measured is not None  # `require_complete`
+    assert last is not None
+    for name, first, second in (
+        ("received", job.received, job.measured),
+        ("the date of issue", last, given.issued),
+    ):
+        if first is not None and second < first:
+            raise InputError(
+                f"[job] measured {job.measured} to {last}, received {job.received}, issued "
+                f"{given.issued}: {name} contradicts the others; correct it",
+                key="[job] measured",
+            )
+    capability = laboratory.capability
+    smallest = (
+        None
+        if capability is None
+        else stated_capability(capability.uncertainty, calibration.sensor)
+    )
+    dof = job.degrees_of_freedom or inf
+    for one in filter(None, (calibration, given.as_found)):
+        _require_uncertainty(one)
+    results = [
+        make_results(calibration, smallest, dof, "afterAdjustment" if given.as_found else "")
+    ]
+    if given.as_found is not None:
+        _require_same_sensor(given.as_found, calibration)
+        results.insert(0, make_results(given.as_found, smallest, dof, "beforeAdjustment"))
+    marks = certificate_marks(laboratory, tuple(results), last, draft=given.draft)
+    return Certificate(
+        number,
+        given.issued,
+        Texts(given.language),
+        laboratory,
+        job,
+        tuple(results),
+        judge_results(results[-1]),
+        marks,
+        change,
+    )
+
+
+def _require_uncertainty(calibration: Calibration) -> None:
+    """Refuse a calibration that was imported: a certificate states U (7.8.4.1 a)."""
+    if not calibration.std.any():
+        name = calibration.sensor.name
+        raise InputError(
+            f"the calibration of {name} states no uncertainty, as one of inercal import; certify a "
+            "calibration that inercal estimated",
+            names=(name,),
+        )
+
+
+def _require_same_sensor(first: Calibration, second: Calibration) -> None:
+    if first.sensor.name != second.sensor.name:
+        raise InputError(
+            f"--as-found is of {first.sensor.name}, the calibration of {second.sensor.name}; give "
+            "two calibrations of one sensor",
+            key="--as-found",
+            names=(first.sensor.name, second.sensor.name),
+        )

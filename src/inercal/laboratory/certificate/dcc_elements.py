@@ -1,0 +1,57 @@
+"""Elements of a DCC. Text is set as data, never pasted into XML."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from inercal.basics.visible_text import visible_text
+from inercal.laboratory.certificate.libraries import certificate_library
+from inercal.laboratory.certificate.texts import Texts
+
+etree = certificate_library("lxml.etree")
+DCC_NAMESPACE = "https://ptb.de/dcc"
+SI_NAMESPACE = "https://ptb.de/si"
+_NAMESPACES = {
+    "dcc": DCC_NAMESPACE,
+    "si": SI_NAMESPACE,
+    "xsi": "http://www.w3.org/2001/XMLSchema-instance",
+}
+
+
+def dcc(name: str, *children: Any, **attributes: str) -> Any:
+    """Return an element of the DCC; children are elements or a text, None is left out."""
+    return _element(DCC_NAMESPACE, name, children, attributes)
+
+
+def si(name: str, *children: Any) -> Any:
+    """Return an element of D-SI."""
+    return _element(SI_NAMESPACE, name, children, {})
+
+
+def content(name: str, texts: Texts, *lines: str, more: Sequence[Any] = ()) -> Any:
+    """Return lines of text in the language of the certificate, and other elements after them."""
+    return dcc(name, *(dcc("content", line, lang=texts.language) for line in lines), *more)
+
+
+def list_label(name: str) -> str:
+    """Return a name without blanks, which separate the entries of a list."""
+    return "_".join(name.split())
+
+
+def to_bytes(root: Any) -> bytes:
+    """Return the document as UTF-8."""
+    etree.indent(root, space=" ")
+    return etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n"
+
+
+def _element(namespace: str, name: str, children: Sequence[Any], attributes: dict[str, str]) -> Any:
+    element = etree.Element(f"{{{namespace}}}{name}", nsmap=_NAMESPACES)
+    for key, value in attributes.items():
+        element.set(key, value)
+    for child in children:
+        if isinstance(child, str):
+            # Not empty, without white space at its ends, without control characters: the schema's
+            # type of a text.
+            element.text = visible_text(child.strip(), keep="\n\t") or "–"
+        elif child is not None:
+            element.append(child)
+    return element

@@ -1,0 +1,71 @@
+"""The font of a certificate: typst's own, or a file for Chinese."""
+
+import shutil
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from inercal.basics.errors import InputError
+from inercal.laboratory.certificate.libraries import certificate_library
+from inercal.laboratory.certificate.texts import Language
+
+OWN_FONT = "Libertinus Serif"  # within typst
+_CHINESE_FONTS = tuple(
+    Path("/usr/share/fonts/opentype/noto") / name
+    for name in ("NotoSerifCJK-Regular.ttc", "NotoSansCJK-Regular.ttc")
+)  # of Debian's fonts-noto-cjk
+
+
+def find_font(language: Language, font: Path | None) -> Path | None:
+    """Return the file of the font that a language needs; None for the fonts of typst.
+
+    Raises
+    ------
+    InputError
+        No Chinese font is given or installed, or the file does not exist.
+    """
+    if font is not None:
+        if not font.is_file():
+            raise InputError(f"--font {font}: no such file; check the path", key="--font")
+        return font
+    if language != "zh":
+        return None
+    for path in _CHINESE_FONTS:
+        if path.is_file():
+            return path
+    raise InputError(
+        "a Chinese certificate needs a font with Chinese characters: install Debian's "
+        f"fonts-noto-cjk ({_CHINESE_FONTS[0]}), or name a font file by --font",
+        key="--font",
+    )
+
+
+@contextmanager
+def font_families(font: Path | None) -> Generator[tuple[list[str], list[str]]]:
+    """Yield the families to set text in, and the folders where typst finds them.
+
+    Raises
+    ------
+    InputError
+        The file is no font.
+    """
+    if font is None:
+        yield [OWN_FONT], []
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        # typst takes folders: this one has the file alone, not the other fonts of its own folder.
+        for file in {font, font.with_name(font.name.replace("Regular", "Bold"))}:
+            if file.is_file():
+                shutil.copy(file, folder)
+        typst = certificate_library("typst")
+        found: list[str] = typst.Fonts(
+            include_system_fonts=False, include_embedded_fonts=False, font_paths=[folder]
+        ).families()
+        if not found:
+            raise InputError(
+                f"--font {font}: not a font; give a .ttf, .otf or .ttc file", key="--font"
+            )
+        # Of a collection for several regions the simplified characters are those of the texts.
+        simplified = [name for name in found if name.endswith(" SC") and "Mono" not in name]
+        yield [OWN_FONT, (simplified or found)[0]], [folder]

@@ -1,0 +1,87 @@
+"""What the order contributes to a certificate: [job] of the run file, and a file that adds."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_toml
+from inercal.physics.section_settings import Section
+from inercal.runfile.job import JobSection
+from inercal.runfile.laboratory_file import LaboratoryFile
+from inercal.runfile.validation_errors import schema_error
+
+_OF_JOB = ("customer", "customer_address", "serial_number", "condition", "measured")
+_OF_LABORATORY = ("address", "country", "approved_by", "procedure", "traceability")
+
+
+class _OrderFile(Section):
+    """A file of the order: one section."""
+
+    job: JobSection
+
+
+def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
+    """Return the order of a calibration.
+
+    Parameters
+    ----------
+    texts : mapping of str to str
+        `Calibration.job`.
+    path : Path, optional
+        A TOML file whose [job] adds keys, or replaces those of the calibration.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, has another section or key, or a date that is none.
+    """
+    # Other texts of a calibration are those of its laboratory's file.
+    stated: dict[str, object] = {
+        key: text
+        for name, text in texts.items()
+        if (key := name.replace(" ", "_")) in JobSection.model_fields
+    }
+    if path is not None:
+        added = _validate(read_toml(path, "file of the order"), path)
+        stated |= added.model_dump(exclude_unset=True)
+    return _validate({"job": stated}, "the calibration")
+
+
+def _validate(content: Mapping[str, object], where: Path | str) -> JobSection:
+    try:
+        return _OrderFile.model_validate(content).job
+    except ValidationError as error:
+        raise schema_error(error, content, _OrderFile).located(where) from None
+
+
+def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:
+    """Refuse to issue a certificate that would lack an item of ISO/IEC 17025:2017, 7.8.2 or 7.8.4.
+
+    Raises
+    ------
+    InputError
+        It names every key that is missing.
+    """
+    of_job = [f"[job] {key}" for key in _OF_JOB if getattr(job, key) is None]
+    procedure = job.procedure or laboratory.procedure
+    of_laboratory = [
+        f"{key} of the laboratory's file"
+        for key in _OF_LABORATORY
+        if getattr(laboratory, key) is None and not (key == "procedure" and procedure)
+    ]
+    if missing := (*of_job, *of_laboratory):
+        places = ["[job] keys in the run file or in a file given by --job"] if of_job else []
+        places += ["the laboratory's keys in the file given by --lab"] if of_laboratory else []
+        raise InputError(
+            f"a certificate needs {', '.join(missing)}; state {', '.join(places)}",
+            key=missing[0],
+            names=missing,
+        )
+    if job.measured_until and job.measured and job.measured_until < job.measured:
+        raise InputError(
+            f"[job] measured_until {job.measured_until} is before measured {job.measured}; correct "
+            "one of them",
+            key="[job] measured_until",
+        )

@@ -1,0 +1,264 @@
+"""The results of a certificate, rounded once, and the statement of conformity with them.
+
+The expanded uncertainty is U = k u with the coverage probability of k = 2 of the normal
+distribution, 95.45 %; where the effective degrees of freedom ν are few, k = t(ν) (JCGM 100:2008,
+G.4). No U is below the capability of the laboratory (ILAC-P14:09/2020): where it would be, the
+covariance is scaled, V′ = D V D with D = max(1, U_CMC/U), which keeps all correlations.
+
+U has two significant digits, and the value ends with the same digit. Decimal numbers carry both to
+PDF and DCC, so that the two agree: in SI they are the rounded number times the size of the unit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from math import inf
+from typing import Literal
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import format_value_and_uncertainty, parse_quantity
+from inercal.calibration import Calibration
+from inercal.calibration.specification import Conformity, LimitResult
+from inercal.estimation.uncertainty.conformity import (
+    RESULTS,
+    conformance_probability,
+    expanded_uncertainty,
+    joint_conformance_probability,
+    judge,
+)
+from inercal.physics.sensors import SI_UNITS, Sensor, imu
+from inercal.physics.sensors.basis_functions import Basis
+from inercal.physics.sensors.coefficient_selection import select_coefficients
+
+Status = Literal["", "beforeAdjustment", "afterAdjustment"]
+_COMPONENTS = {
+    **{f"{letter}{axis}": f"{symbol}_{axis.upper()}"
+       for letter, symbol in (("f", "f"), ("w", "ω"), ("a", "α")) for axis in "ipo"},
+    "si": "sgn(f_I)",
+    "swi": "sgn(ω_I)",
+    "dT": "ΔT",
+    "dTdt": "dT/dt",
+}  # fmt: skip
+_POWERS = {1: "", 2: "²", 3: "³"}
+
+
+@dataclass(frozen=True)
+class ResultRow:
+    """A coefficient with its expanded uncertainty, rounded.
+
+    Parameters
+    ----------
+    name, meaning, unit, si_unit : str
+    term : str
+        Its basis function, as printed.
+    value, expanded : str
+        Decimal numbers, in `unit`.
+    si : float
+        SI size of the unit.
+    raised : bool
+        Whether U is the capability of the laboratory.
+    outside : bool
+        Whether the laboratory states no capability for it.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    si_unit: str
+    term: str
+    value: str
+    expanded: str
+    si: float
+    raised: bool
+    outside: bool
+
+    @property
+    def value_si(self) -> float:
+        """The rounded value, SI."""
+        return float(Decimal(self.value) * Decimal(repr(self.si)))
+
+    @property
+    def expanded_si(self) -> float:
+        """The rounded expanded uncertainty, SI."""
+        return float(Decimal(self.expanded) * Decimal(repr(self.si)))
+
+
+@dataclass(frozen=True, eq=False)
+class ResultSet:
+    """The coefficients of one calibration, as a certificate states them.
+
+    Parameters
+    ----------
+    status : "", "beforeAdjustment" or "afterAdjustment"
+    calibration : Calibration
+    covariance : (p, p) array
+        SI, with the capability of the laboratory.
+    dof : float
+        Effective degrees of freedom; infinite where they are many.
+    k : float
+        Coverage factor.
+    rows : tuple of ResultRow
+    """
+
+    status: Status
+    calibration: Calibration
+    covariance: Array
+    dof: float
+    k: float
+    rows: tuple[ResultRow, ...]
+
+
+def make_results(
+    calibration: Calibration,
+    capability: Mapping[str, float] | None,
+    dof: float,
+    status: Status = "",
+) -> ResultSet:
+    """Return the results of a calibration.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    capability : mapping of str to float, or None
+        The smallest U, SI, by full name; None where the laboratory states no capability.
+    dof : float
+    status : str
+    """
+    k = float(expanded_uncertainty(np.ones(()), dof))
+    smallest = capability or {}
+    names = calibration.sensor.coefficients
+    wanted = np.array([smallest.get(name, 0.0) for name in names])
+    u = calibration.std
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.where(k * u < wanted, wanted / (k * u), 1.0)
+    exact = (u == 0) & (wanted > 0)
+    scale[exact] = 1.0
+    covariance = calibration.covariance * np.outer(scale, scale)
+    covariance[np.diag_indices_from(covariance)] += np.where(exact, (wanted / k) ** 2, 0.0)
+    std = np.sqrt(np.diag(covariance))
+    rows: list[ResultRow] = []
+    for name, value, each, was in zip(names, calibration.values, std, u, strict=True):
+        term = calibration.sensor.coefficient(name)
+        shown = format_value_and_uncertainty(float(value) / term.si, k * float(each) / term.si)
+        rows.append(
+            ResultRow(
+                name, term.meaning, term.unit, SI_UNITS[term.unit], _term_text(term.basis),
+                *shown, term.si, each > was, capability is not None and name not in capability,
+            )
+        )  # fmt: skip
+    return ResultSet(status, calibration, covariance, dof, k, tuple(rows))
+
+
+def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[str, float]:
+    """Return the smallest U, SI, of each coefficient that a laboratory names; a full name wins.
+
+    Raises
+    ------
+    InputError
+        A quantity that is none, or not positive, or a word that names no coefficient of any sensor.
+        Words for coefficients that this sensor lacks are passed over: the file serves all sensors.
+    """
+    found: dict[str, float] = {}
+    for word, text in sorted(uncertainty.items(), key=lambda one: "." in one[0]):
+        key = f"[capability.uncertainty] {word}"
+        try:
+            select_coefficients(imu().axes, [CoefficientName(word).term])
+        except InputError as error:
+            raise error.located(key, key=key) from None
+        try:
+            named = select_coefficients(sensor.axes, [word])
+        except InputError:
+            continue
+        values: dict[str, float] = {}
+        errors: list[InputError] = []
+        for name in named:
+            if name in sensor.coefficients:
+                try:
+                    values[name] = parse_quantity(text, sensor.coefficient(name).unit).value
+                except InputError as error:  # "bias" of gyros, where it states accelerometers
+                    errors.append(error)
+        if errors and not values:
+            raise errors[0].located(key, key=key)
+        if any(value <= 0 for value in values.values()):
+            raise InputError(f"{key}: {text!r} must be positive", key=key)
+        found |= values
+    return found
+
+
+def judge_results(results: ResultSet) -> Conformity | None:
+    """Return the conformity by the limits of the calibration and the U of the certificate.
+
+    Limits that were judged by the U of the next use keep that judgement, with k = 2. Where the
+    capability of the laboratory raises the U of the session, that of the next use grows by the same
+    variance; the calibration file states the scatter between uses without its correlations, so that
+    the joint probability then takes it as uncorrelated.
+    """
+    stated = results.calibration.conformity
+    if stated is None:
+        return None
+    names = list(results.calibration.sensor.coefficients)
+    chosen = [names.index(one.name) for one in stated.limits]
+    value = results.calibration.values[chosen]
+    covariance = results.covariance[np.ix_(chosen, chosen)]
+    dof = _conformity_dof(stated, results.dof)
+    if stated.uncertainty == "next_use":
+        session = results.calibration.covariance[np.ix_(chosen, chosen)]
+        if np.array_equal(covariance, session):
+            return stated
+        next_use = np.array([one.std**2 for one in stated.limits])
+        covariance = covariance + np.diag(next_use - np.diag(session))
+    std = np.sqrt(np.diag(covariance))
+    lower = np.array([one.lower for one in stated.limits])
+    upper = np.array([one.upper for one in stated.limits])
+    guard = stated.rule.guard(std, dof)
+    found = judge(value, lower, upper, guard)
+    chance = conformance_probability(value, std, lower, upper, dof)
+    limits = tuple(
+        LimitResult(
+            one.name, one.lower, one.upper, float(value[k]), float(std[k]), float(guard[k]),
+            RESULTS[int(found[k])], float(chance[k]),
+        )
+        for k, one in enumerate(stated.limits)
+    )  # fmt: skip
+    joint = joint_conformance_probability(value, covariance, lower, upper)
+    return Conformity(stated.rule, limits, joint, stated.uncertainty)
+
+
+def _conformity_dof(conformity: Conformity, dof: float) -> float:
+    """Return ν of the U that limits are judged by; that of the next use holds t(ν) already."""
+    return inf if conformity.uncertainty == "next_use" else dof
+
+
+def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
+    """Return the largest risk that a value on its acceptance limit is beyond the limit.
+
+    The guard band is w = factor · U: with the limit on one side alone the risk is that of the
+    tail beyond w, 2.28 % for w = 2u, 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2; ILAC-G8:09/2019).
+    """
+    dof = _conformity_dof(conformity, dof)
+    guard = float(conformity.rule.guard(np.ones(()), dof))
+    beyond = conformance_probability(np.zeros(()), np.ones(()), np.array(guard), np.array(inf), dof)
+    return float(beyond)
+
+
+def names_of(rows: Sequence[ResultRow], *, raised: bool = False) -> tuple[str, ...]:
+    """Return the coefficients whose U is raised, or that are outside the capability."""
+    return tuple(row.name for row in rows if (row.raised if raised else row.outside))
+
+
+def _term_text(basis: Basis) -> str:
+    parts: list[str] = []
+    for product in basis.products:
+        words: list[str] = []
+        for name in dict.fromkeys(product.components):
+            words.append(_COMPONENTS[name] + _POWERS[product.components.count(name)])
+        size = abs(product.factor)
+        factor = [] if size == 1 and words else [f"{size:g}"]
+        text = " · ".join(factor + words)
+        sign = "−" if product.factor < 0 else "+" if parts else ""
+        parts.append(f"{sign} {text}" if parts else f"{sign}{text}")
+    return " ".join(parts)

@@ -1,0 +1,97 @@
+"""Validation of a DCC by its XML schema, which the laboratory has: it does not come with inercal.
+
+The schema imports others by their addresses; they are read from its folder by their namespace, and
+nothing is fetched. XML signatures are not checked against a schema of their own: any content is
+accepted there, and `certificate verify` checks the signature itself.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from inercal.basics.errors import InputError
+from inercal.laboratory.certificate.dcc_elements import etree
+
+SIGNATURE_NAMESPACE = "http://www.w3.org/2000/09/xmldsig#"
+_SIGNATURE_STUB = f"""<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema"
+ targetNamespace="{SIGNATURE_NAMESPACE}"><xs:element name="Signature"><xs:complexType><xs:sequence>
+ <xs:any processContents="skip" minOccurs="0" maxOccurs="unbounded"/></xs:sequence>
+ <xs:anyAttribute processContents="skip"/></xs:complexType></xs:element></xs:schema>"""
+_IMPORT = "{http://www.w3.org/2001/XMLSchema}import"
+
+
+def schema_defects(document: bytes, schema: Path) -> tuple[str, ...]:
+    """Return what contradicts the schema, a line each; empty for a valid document.
+
+    Parameters
+    ----------
+    document : bytes
+        The DCC, XML.
+    schema : Path
+        dcc.xsd, with the schemas that it imports in the same folder.
+
+    Raises
+    ------
+    InputError
+        The schema cannot be read, or one that it imports is not in its folder.
+    """
+    validator = _read_schema(schema)
+    root = etree.fromstring(document, _parser())
+    if validator.validate(root):
+        return ()
+    return tuple(f"line {one.line}: {one.message}" for one in validator.error_log)
+
+
+def _parser() -> Any:
+    return etree.XMLParser(resolve_entities=False, no_network=True)
+
+
+def _read_schema(path: Path) -> Any:
+    root = _read_xml(path)
+    imported: dict[str, str] = {}
+    for file in sorted(path.parent.glob("*.xsd")):
+        if file != path:
+            imported.setdefault(_read_xml(file).get("targetNamespace"), file.resolve().as_uri())
+    parser = _parser()
+    parser.resolvers.add(_Resolver())
+    for one in root.iter(_IMPORT):
+        namespace = one.get("namespace")
+        if namespace == SIGNATURE_NAMESPACE:
+            one.set("schemaLocation", _Resolver.signature)
+        elif namespace in imported:
+            one.set("schemaLocation", imported[namespace])
+        else:
+            raise InputError(
+                f"--schema {path}: it imports {namespace}, whose schema is not in {path.parent}; "
+                "put it there",
+                file=path,
+                key="--schema",
+            )
+    try:
+        return etree.XMLSchema(
+            etree.fromstring(etree.tostring(root), parser, base_url=path.resolve().as_uri())
+        )
+    except etree.XMLSchemaParseError as error:
+        raise InputError(f"--schema {path}: {error}", file=path, key="--schema") from None
+
+
+def _read_xml(path: Path) -> Any:
+    try:
+        return etree.fromstring(path.read_bytes(), _parser())
+    except (OSError, etree.XMLSyntaxError) as error:
+        raise InputError(
+            f"--schema {path}: no schema can be read there: {error}; give the file dcc.xsd",
+            file=path,
+            key="--schema",
+        ) from None
+
+
+class _Resolver(etree.Resolver):
+    """Gives the stub of the schema of signatures for its address; libxml2 reads all else."""
+
+    signature = "inercal:signature"
+
+    def resolve(self, system_url: str, public_id: str, context: Any) -> Any:
+        """Return the stub for its address."""
+        if system_url == self.signature:
+            return self.resolve_string(_SIGNATURE_STUB, context)
+        return None

@@ -1,0 +1,99 @@
+"""Signatures with the laboratory's key: PAdES of the PDF (B-B), XAdES of the DCC (enveloped).
+
+The key is read from a PKCS#12 file for one certificate, and kept nowhere. A time stamp (B-T) needs
+a service on the network and is not made.
+"""
+
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_small_file
+from inercal.laboratory.certificate.dcc_elements import etree
+from inercal.laboratory.certificate.libraries import signature_library
+
+_FIELD = "inercal_certificate"
+
+
+@dataclass(frozen=True, eq=False)
+class SigningKey:
+    """A key with its certificate and the chain of that.
+
+    Parameters
+    ----------
+    key, certificate : objects of the package cryptography
+    chain : tuple
+        Certificates of the issuers.
+    content : bytes
+        The PKCS#12 file.
+    passphrase : bytes
+    """
+
+    key: Any
+    certificate: Any
+    chain: tuple[Any, ...]
+    content: bytes
+    passphrase: bytes
+
+    def __repr__(self) -> str:
+        return f"<SigningKey of {self.certificate.subject.rfc4514_string()}>"
+
+
+def read_signing_key(path: Path, passphrase: str) -> SigningKey:
+    """Read a key from a PKCS#12 file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, the passphrase is wrong, or a key or certificate is missing.
+    MissingExtra
+        The packages for signatures are not installed.
+    """
+    pkcs12 = signature_library("cryptography.hazmat.primitives.serialization.pkcs12")
+    content = read_small_file(path, "PKCS#12 file")
+    try:
+        key, certificate, chain = pkcs12.load_key_and_certificates(content, passphrase.encode())
+    except ValueError as error:
+        raise InputError(
+            f"--sign {path}: not a PKCS#12 file with this passphrase: {error}",
+            file=path,
+            key="--sign",
+        ) from None
+    if key is None or certificate is None:
+        raise InputError(
+            f"--sign {path}: it holds no key with its certificate", file=path, key="--sign"
+        )
+    return SigningKey(key, certificate, tuple(chain), content, passphrase.encode())
+
+
+def sign_dcc(document: bytes, key: SigningKey) -> bytes:
+    """Return the DCC with an XAdES signature as the last child of its root."""
+    enveloped = signature_library("signxml").methods.enveloped
+    signer = signature_library("signxml.xades").XAdESSigner(method=enveloped)
+    chain = [key.certificate, *key.chain]
+    signed = signer.sign(etree.fromstring(document), key=key.key, cert=chain)
+    return bytes(etree.tostring(signed, xml_declaration=True, encoding="UTF-8")) + b"\n"
+
+
+def sign_pdf(document: bytes, key: SigningKey) -> bytes:
+    """Return the PDF with a PAdES signature, added as an update that leaves its bytes unchanged.
+
+    Raises
+    ------
+    InputError
+        The key cannot sign.
+    """
+    signers = signature_library("pyhanko.sign.signers")
+    pades = signature_library("pyhanko.sign.fields").SigSeedSubFilter.PADES
+    writer = signature_library("pyhanko.pdf_utils.incremental_writer").IncrementalPdfFileWriter
+    signer = signers.SimpleSigner.load_pkcs12_data(key.content, (), key.passphrase)
+    if signer is None:
+        raise InputError("--sign: this kind of key cannot sign a PDF; give an RSA or ECDSA key")
+    metadata = signers.PdfSignatureMetadata(
+        field_name=_FIELD, subfilter=pades, md_algorithm="sha256"
+    )
+    output = BytesIO()
+    signers.sign_pdf(writer(BytesIO(document)), metadata, signer=signer, output=output)
+    return output.getvalue()

@@ -1,0 +1,108 @@
+"""Control charts of a bench in words, and as the JSON object of their file."""
+
+import json
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from inercal.estimation.uncertainty.control_charts import EWMA_WEIGHT
+from inercal.laboratory.check_standard.bench_charts import BenchCharts
+from inercal.laboratory.check_standard.chart_texts import day, doubtful_text, signal_text
+
+SCHEMA = "inercal/control/bench/1"
+
+
+def bench_lines(found: BenchCharts) -> list[str]:
+    """Return what the charts say, the gravest first."""
+    out = sum(not one.in_control for one in found.points)
+    if not found.points:
+        lines = ["no day after the reference: nothing is charted yet"]
+    elif out:
+        word = "in control" if found.in_control else "out of control"
+        lines = [
+            f"{word} on {day(found.points[-1].measured)}; {out} of {len(found.points)} days signal"
+        ]
+    else:
+        lines = [f"in control: none of {len(found.points)} days signals"]
+    lines += [doubtful_text(one) for one in found.episodes]
+    lines.append(
+        f"in control all charts together signal falsely once in {found.run_length:.0f} days or "
+        f"more, each of {2 * len(found.charts)} in {found.single_run_length:.0f}"
+    )
+    if found.too_few:
+        named = ", ".join(f"{name} ({count} days)" for name, count in found.too_few.items())
+        lines.append(f"not charted, with fewer days than the reference: {named}")
+    return lines
+
+
+def day_signals(found: BenchCharts) -> list[tuple[str, str]]:
+    """Return the days that are out of control, and the charts that signal."""
+    return [
+        (day(one.measured), "; ".join(signal_text(*part) for part in one.signals.items()))
+        for one in found.points
+        if not one.in_control
+    ]
+
+
+def as_object(found: BenchCharts) -> dict[str, Any]:
+    """Return the charts as a JSON object: values in SI, statistics without unit."""
+    kind = found.lasting_kind.lower()
+    return {
+        "schema": SCHEMA,
+        "bench": found.bench,
+        "in_control": found.in_control,
+        "run_length": {"all": found.run_length, "single": found.single_run_length},
+        "weights": {"EWMA": EWMA_WEIGHT},
+        "lasting": found.lasting_kind,
+        "parameters": [
+            {
+                "name": one.name,
+                "unit": one.unit,
+                "meaning": one.meaning,
+                "reference": one.mean,
+                "reference_std": one.mean_std,
+                "reference_days": one.reference_days,
+                "scatter": one.scatter,
+                "shewhart_limit": one.shewhart_limit,
+                f"{kind}_limit": one.lasting_limit,
+                "points": [
+                    {
+                        "measured": time,
+                        "value": float(one.values[k]),
+                        "own_std": float(one.std[k]),
+                        "shewhart": float(one.shewhart[k]),
+                        kind: None if k < one.reference_days else float(one.lasting[k]),
+                        "signals": list(one.signals(k)),
+                    }
+                    for k, time in enumerate(one.days)
+                ],
+            }
+            for one in found.charts
+        ],
+        "too_few": found.too_few,
+        "episodes": [{"since": one.since, "until": one.until} for one in found.episodes],
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "inercal": version("inercal"),
+    }
+
+
+def to_text(found: BenchCharts) -> str:
+    """Return the text of the file."""
+    return json.dumps(as_object(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def newest_statistics(found: BenchCharts) -> list[tuple[str, ...]]:
+    """Return of each parameter its largest |z|, and |EWMA| or CUSUM, with their limits."""
+    rows: list[tuple[str, ...]] = []
+    for one in found.charts:
+        later = slice(one.reference_days, None)
+        z, lasting = one.shewhart[later], one.lasting[later]
+        largest = [
+            f"{values[np.argmax(np.abs(values))]:.2f}" if values.size else ""
+            for values in (z, lasting)
+        ]
+        limits = f"{one.shewhart_limit:.2f}", f"{one.lasting_limit:.2f}"
+        rows.append((one.name, one.meaning, largest[0], limits[0], largest[1], limits[1]))
+    return rows

@@ -1,0 +1,297 @@
+"""Control charts of a bench by the estimates of its own runs, without a check standard.
+
+Each parameter that runs show (`inercal.calibration.bench_estimates`) has a Shewhart and an EWMA or
+CUSUM chart of its own, for runs of other methods show other parameters. Of a day's runs the
+weighted mean is a point, with own variance s² and the scatter τ² from day to day of the reference,
+the first m days that have the parameter::
+
+    z = (q' − μ)/√(τ² + s² + u²(μ)),   μ = Σ w q'/Σ w,   w = 1/(τ² + s²),   u²(μ) = 1/Σ w
+
+τ² by restricted likelihood; the limits take Student's t of m − 1. What runs share by other
+parameters of the bench is the same on all days and cancels in q' − μ, as long as these are not
+determined anew.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.calibration.bench_estimates import BenchEstimate
+from inercal.estimation.uncertainty.control_charts import (
+    ChartKind,
+    ChartValues,
+    LastingKind,
+    chart_values,
+    lasting_limit,
+)
+from inercal.estimation.uncertainty.repeated_measurements import restricted_variances
+from inercal.estimation.uncertainty.run_lengths import chart_limit, wider_limit
+from inercal.laboratory.check_standard.charts import (
+    LEAST_DAYS,
+    REFERENCE_DAYS,
+    RUN_LENGTH,
+    Episode,
+    doubtful_episodes,
+    first_after,
+    require_settings,
+)
+
+_KINDS = 2  # Shewhart, and EWMA or CUSUM
+
+
+@dataclass(frozen=True)
+class ChartedRun:
+    """The bench estimates of a run: its label, when it was measured, ISO 8601, and its day."""
+
+    label: str
+    measured: str
+    bench_estimates: tuple[BenchEstimate, ...]
+
+    @property
+    def day(self) -> str:
+        """ISO 8601."""
+        return self.measured.partition("T")[0]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterChart:
+    """The charts of one parameter, SI.
+
+    Parameters
+    ----------
+    name, unit, meaning : str
+    days : tuple of str
+        When the last run of each day was measured, ISO 8601.
+    values, std : (n,) arrays
+        Bench estimate of each day, and its own standard uncertainty.
+    reference_days : int
+        m.
+    mean, mean_std, scatter : float
+        μ, u(μ) and τ.
+    shewhart, lasting : (n,) arrays
+        z of all days, and the EWMA or CUSUM, 0 in the reference.
+    shewhart_limit, lasting_limit : float
+    lasting_kind : "EWMA" or "CUSUM"
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    days: tuple[str, ...]
+    values: Array
+    std: Array
+    reference_days: int
+    mean: float
+    mean_std: float
+    scatter: float
+    shewhart: Array
+    lasting: Array
+    shewhart_limit: float
+    lasting_limit: float
+    lasting_kind: LastingKind
+
+    def signals(self, k: int) -> tuple[ChartKind, ...]:
+        """Return which charts signal on day k; none in the reference."""
+        if k < self.reference_days:
+            return ()
+        found: list[ChartKind] = []
+        if abs(self.shewhart[k]) > self.shewhart_limit:
+            found.append("Shewhart")
+        if abs(self.lasting[k]) > self.lasting_limit:
+            found.append(self.lasting_kind)
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class BenchDay:
+    """A day after the reference of a parameter: its last run, and what signals by chart."""
+
+    measured: str
+    signals: dict[ChartKind, tuple[str, ...]]
+
+    @property
+    def in_control(self) -> bool:
+        """Whether no chart signals."""
+        return not self.signals
+
+
+@dataclass(frozen=True, eq=False)
+class BenchCharts:
+    """The charts of a bench.
+
+    Parameters
+    ----------
+    bench : str
+    runs : tuple of ChartedRun
+    charts : tuple of ParameterChart
+    too_few : mapping of str to int
+        Days of the parameters that have fewer than the reference.
+    run_length : float
+        In-control run length of all charts together, in days.
+    """
+
+    bench: str
+    runs: tuple[ChartedRun, ...]
+    charts: tuple[ParameterChart, ...]
+    too_few: dict[str, int]
+    run_length: float
+
+    @property
+    def lasting_kind(self) -> LastingKind:
+        """EWMA or CUSUM."""
+        return self.charts[0].lasting_kind
+
+    @property
+    def single_run_length(self) -> float:
+        """ARL₀ of each chart."""
+        return self.run_length * _KINDS * len(self.charts)
+
+    @property
+    def points(self) -> tuple[BenchDay, ...]:
+        """The days after a reference, in the order of time."""
+        found: dict[str, dict[ChartKind, tuple[str, ...]]] = {}
+        last: dict[str, str] = {}
+        for chart in self.charts:
+            for k in range(chart.reference_days, len(chart.days)):
+                day = chart.days[k].partition("T")[0]
+                last[day] = max(chart.days[k], last.get(day, ""))
+                of_day = found.setdefault(day, {})
+                for kind in chart.signals(k):
+                    of_day[kind] = (*of_day.get(kind, ()), chart.name)
+        return tuple(BenchDay(last[day], found[day]) for day in sorted(found))
+
+    @property
+    def in_control(self) -> bool:
+        """Whether the last day is in control; with no day after the reference it is."""
+        return not self.points or self.points[-1].in_control
+
+    @property
+    def episodes(self) -> tuple[Episode, ...]:
+        """The times in which the bench is doubtful, the first first."""
+        first = min(one.days[one.reference_days - 1] for one in self.charts)
+        days = [(one.measured, one.measured, one.in_control) for one in self.points]
+        return doubtful_episodes(first, days)
+
+
+def bench_charts(
+    bench: str,
+    runs: Sequence[ChartedRun],
+    *,
+    reference: int = REFERENCE_DAYS,
+    run_length: float = RUN_LENGTH,
+    restarts: Sequence[str] = (),
+    lasting: LastingKind = "EWMA",
+) -> BenchCharts:
+    """Return the control charts of a bench.
+
+    Parameters
+    ----------
+    bench : str
+        As printed.
+    runs : sequence of ChartedRun
+        In the order of time.
+    reference : int
+        How many days are the reference of each parameter.
+    run_length : float
+        In-control run length of all charts together, in days.
+    restarts : sequence of str
+        Times of corrective actions, ISO 8601: after them EWMA or CUSUM begins anew.
+    lasting : "EWMA" or "CUSUM"
+        Chart of small lasting changes.
+
+    Raises
+    ------
+    InputError
+        No parameter has the days of a reference, or a setting that is not possible.
+    """
+    require_settings(reference, run_length)
+    names = list(dict.fromkeys(one.name for run in runs for one in run.bench_estimates))
+    if not names:
+        raise InputError(
+            f"bench {bench}: none of {len(runs)} calibrations states bench estimates; its "
+            "data show no parameter of the bench, or the files are older: calibrate again",
+            names=(bench,),
+        )
+    days = {name: _days_of(name, runs) for name in names}
+    enough = [name for name in names if len(days[name]) >= reference]
+    too_few = {name: len(days[name]) for name in names if name not in enough}
+    if not enough:
+        most = max(too_few.values())
+        raise InputError(
+            f"bench {bench}: {most} day{'s' * (most > 1)} with bench estimates, and the reference "
+            f"takes {reference}: give a shorter --reference, {LEAST_DAYS} at least",
+            key="--reference",
+        )
+    single = run_length * _KINDS * len(enough)
+    charts = tuple(
+        _chart(name, days[name], reference, single, restarts, lasting) for name in enough
+    )
+    return BenchCharts(bench, tuple(runs), charts, too_few, run_length)
+
+
+_Day = list[tuple[str, BenchEstimate]]
+
+
+def _days_of(name: str, runs: Sequence[ChartedRun]) -> list[_Day]:
+    found: dict[str, _Day] = {}
+    for run in runs:
+        for one in run.bench_estimates:
+            if one.name == name:
+                found.setdefault(run.day, []).append((run.measured, one))
+    return [found[day] for day in sorted(found)]
+
+
+def _chart(
+    name: str,
+    days: Sequence[_Day],
+    m: int,
+    run_length: float,
+    restarts: Sequence[str],
+    lasting: LastingKind,
+) -> ParameterChart:
+    times = tuple(max(time for time, _ in of_day) for of_day in days)
+    values, std = (np.array(one) for one in zip(*map(_day_mean, days), strict=True))
+    tau2, mean, mean_variance = _reference(values[:m], std[:m])
+    variance = tau2 + std**2
+    later = slice(m, None)
+    shown: ChartValues = chart_values(
+        (values[later] - mean)[:, None],
+        variance[later][:, None, None],
+        np.full((len(days) - m, 1, 1), mean_variance),
+        [first_after(times[m:], time) for time in restarts],
+        lasting,
+    )
+    # A point of the reference is part of its mean.
+    of_reference = np.sqrt(np.maximum(variance[:m] - mean_variance, 1e-9 * variance[:m]))
+    shewhart = wider_limit(chart_limit(run_length, 1.0, 1), 1, m - 1.0)
+    newest = days[-1][-1][1]
+    return ParameterChart(
+        name, newest.unit, newest.meaning, times, values, std, m, mean,
+        float(np.sqrt(mean_variance)), float(np.sqrt(tau2)),
+        np.concatenate([(values[:m] - mean) / of_reference, shown.shewhart[:, 0]]),
+        np.concatenate([np.zeros(m), shown.lasting[:, 0]]),
+        float(np.sqrt(shewhart)), float(np.sqrt(lasting_limit(run_length, m - 1.0, lasting))),
+        lasting,
+    )  # fmt: skip
+
+
+def _day_mean(of_day: _Day) -> tuple[float, float]:
+    """Return the weighted mean of a day's runs and its own standard uncertainty."""
+    weight = np.array([one.own_std**-2 for _, one in of_day])
+    value = np.array([one.value for _, one in of_day])
+    return float(weight @ value / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def _reference(values: Array, std: Array) -> tuple[float, float, float]:
+    """Return τ², μ and u²(μ)."""
+    unit = float(np.sqrt(np.var(values, ddof=1) + np.mean(std**2)))
+    y, own = (values - values.mean()) / unit, np.diag((std / unit) ** 2)
+    found = restricted_variances(
+        y, np.ones((y.size, 1)), own, (np.eye(y.size),), np.array([0.5 * float(np.var(y, ddof=1))])
+    )
+    tau2 = float(found.variance[0]) * unit**2
+    weight = 1 / (tau2 + std**2)
+    return tau2, float(weight @ values / weight.sum()), float(1 / weight.sum())

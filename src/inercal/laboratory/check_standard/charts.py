@@ -1,0 +1,313 @@
+"""The main path: sessions of a check standard, to its control charts and what they say.
+
+The first m days are the reference: their mean, and their scatter by components of known shape
+(`repeatability`). The limits take Student's t and F of the reference's degrees of freedom, and the
+error of its mean: for one coefficient t_{m−1} S √(1 + 1/m) of the field's books, here pooled over
+like axes.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty.components import variance_components
+from inercal.estimation.uncertainty.control_charts import (
+    KINDS,
+    ChartKind,
+    ChartLimits,
+    ChartValues,
+    LastingKind,
+    chart_limits,
+    chart_values,
+)
+from inercal.laboratory.check_standard.day_points import DayPoints, day_points
+from inercal.laboratory.repeatability.effects import named_effects, scatter
+from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
+from inercal.laboratory.repeatability.sessions import (
+    MatchedSessions,
+    RepeatedSession,
+    match_sessions,
+)
+
+REFERENCE_DAYS = 20
+LEAST_DAYS = 5
+RUN_LENGTH = 370.0
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedSession:
+    """A session of the check standard, and when it was measured, ISO 8601."""
+
+    session: RepeatedSession
+    measured: str
+
+
+@dataclass(frozen=True)
+class CheckPoint:
+    """A day of the check standard after the reference.
+
+    Parameters
+    ----------
+    first, last : str
+        When its first and its last session were measured, ISO 8601.
+    labels : tuple of str
+        Its sessions.
+    signals : mapping of ChartKind to tuple of str
+        The charts that signal, with their coefficients; none for T² and MEWMA.
+    """
+
+    first: str
+    last: str
+    labels: tuple[str, ...]
+    signals: dict[ChartKind, tuple[str, ...]]
+
+    @property
+    def in_control(self) -> bool:
+        """Whether no chart signals."""
+        return not self.signals
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A time in which the bench is doubtful.
+
+    Parameters
+    ----------
+    since : str
+        Last session in control before it, ISO 8601.
+    until : str or None
+        First session in control after it; None while there is none.
+    """
+
+    since: str
+    until: str | None
+
+    def holds(self, time: str) -> bool:
+        """Whether a time, ISO 8601, lies in it."""
+        return self.since < time and (self.until is None or time < self.until)
+
+
+@dataclass(frozen=True, eq=False)
+class ControlCharts:
+    """The charts of a check standard.
+
+    Parameters
+    ----------
+    matched : MatchedSessions
+    fit : SessionFit
+        Of the reference.
+    sessions : tuple of CheckedSession
+    days : DayPoints
+        Those of the reference, too.
+    reference_days : int
+    limits : ChartLimits
+    values : ChartValues
+        Of the days after the reference.
+    points : tuple of CheckPoint
+        The same days.
+    dof : (p,) array
+    joint_dof : float
+    """
+
+    matched: MatchedSessions
+    fit: SessionFit
+    sessions: tuple[CheckedSession, ...]
+    days: DayPoints
+    reference_days: int
+    limits: ChartLimits
+    values: ChartValues
+    points: tuple[CheckPoint, ...]
+    dof: Array
+    joint_dof: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The coefficients."""
+        return self.matched.names
+
+    @property
+    def reference_end(self) -> str:
+        """When the last session of the reference was measured, ISO 8601."""
+        last = self.days.sessions[self.reference_days - 1]
+        return max(self.sessions[k].measured for k in last)
+
+    @property
+    def in_control(self) -> bool:
+        """Whether the last day is in control; with no day after the reference it is."""
+        return not self.points or self.points[-1].in_control
+
+    @property
+    def episodes(self) -> tuple[Episode, ...]:
+        """The times in which the bench is doubtful, the first first."""
+        days = [(one.first, one.last, one.in_control) for one in self.points]
+        return doubtful_episodes(self.reference_end, days)
+
+
+def doubtful_episodes(
+    reference_end: str, days: Iterable[tuple[str, str, bool]]
+) -> tuple[Episode, ...]:
+    """Return the times between the last day in control and the next one.
+
+    Parameters
+    ----------
+    reference_end : str
+        ISO 8601.
+    days : iterable of (str, str, bool)
+        First and last session of each day after the reference, and whether it is in control.
+    """
+    found: list[Episode] = []
+    since, doubtful = reference_end, False
+    for first, last, in_control in days:
+        if in_control:
+            if doubtful:
+                found.append(Episode(since, first))
+            since, doubtful = last, False
+        else:
+            doubtful = True
+    return (*found, Episode(since, None)) if doubtful else tuple(found)
+
+
+def control_charts(
+    sessions: Sequence[CheckedSession],
+    *,
+    reference: int = REFERENCE_DAYS,
+    run_length: float = RUN_LENGTH,
+    restarts: Sequence[str] = (),
+    lasting: LastingKind = "EWMA",
+) -> ControlCharts:
+    """Return the control charts of a check standard.
+
+    Parameters
+    ----------
+    sessions : sequence of CheckedSession
+        In the order of time.
+    reference : int
+        How many days are the reference.
+    run_length : float
+        In-control run length of all charts together, in days.
+    restarts : sequence of str
+        Times of corrective actions, ISO 8601: after them EWMA and MEWMA begin anew.
+    lasting : "EWMA" or "CUSUM"
+        Chart of small lasting changes of each coefficient.
+
+    Raises
+    ------
+    InputError
+        Calibrations that cannot be compared, a reference too short or longer than the sessions, or
+        a run length that is not possible.
+    """
+    require_settings(reference, run_length)
+    matched = match_sessions([one.session for one in sessions])
+    level = matched.level(0)
+    days = int(level.max()) + 1
+    if days < reference:
+        raise InputError(
+            f"{days} day{'s' * (days > 1)} of the check standard, and the reference takes "
+            f"{reference}: measure it on more days, or give a shorter --reference",
+            key="--reference",
+        )
+    if np.any(np.diff(level) < 0):
+        raise InputError("the sessions of a day must follow one another: sort them by time")
+    chosen = np.flatnonzero(level < reference).tolist()
+    first = matched.subset(chosen)
+    fit = fit_sessions(first, named_effects(first, "bench"))
+    points = day_points(matched, fit, chosen, _widening(fit))
+    dof = _degrees_of_freedom(fit, reference)
+    joint = float(sum(one.similar * (one.effect.levels - 1) for one in fit.effects))
+    limits = chart_limits(run_length, dof, joint, lasting)
+    later = slice(reference, None)
+    begins = [max(sessions[k].measured for k in of_day) for of_day in points.sessions[later]]
+    values = chart_values(
+        points.difference[later],
+        points.point[later],
+        points.reference[later],
+        [first_after(begins, time) for time in restarts],
+        lasting,
+    )
+    return ControlCharts(
+        matched, fit, tuple(sessions), points, reference, limits, values,
+        _check_points(sessions, matched.names, points.sessions[later], values, limits),
+        dof, joint,
+    )  # fmt: skip
+
+
+def require_settings(reference: int, run_length: float) -> None:
+    """Refuse a reference that is too short, and a run length that is not possible.
+
+    Raises
+    ------
+    InputError
+    """
+    if reference < LEAST_DAYS:
+        raise InputError(
+            f"--reference {reference}: the scatter of a reference shows from {LEAST_DAYS} days on",
+            key="--reference",
+        )
+    if not 10 <= run_length <= 1e6:
+        raise InputError(
+            f"--run-length {run_length:g}: give 10 to 1000000 days", key="--run-length"
+        )
+
+
+def first_after(times: Sequence[str], time: str) -> int:
+    """Return the place of the first of sorted times at or after another; their count for none."""
+    return next((k for k, one in enumerate(times) if one >= time), len(times))
+
+
+def _check_points(
+    sessions: Sequence[CheckedSession],
+    names: Sequence[str],
+    days: Sequence[tuple[int, ...]],
+    values: ChartValues,
+    limits: ChartLimits,
+) -> tuple[CheckPoint, ...]:
+    signals = values.signals(limits)
+    found: list[CheckPoint] = []
+    for t, members in enumerate(days):
+        beyond: dict[ChartKind, tuple[str, ...]] = {}
+        for kind in KINDS:
+            at = np.atleast_1d(signals[kind][t]) if kind in signals else np.zeros(1)
+            if at.any():
+                single = kind in ("Shewhart", limits.lasting_kind)
+                beyond[kind] = (
+                    tuple(names[k] for k in np.flatnonzero(at).tolist()) if single else ()
+                )
+        times = [sessions[k].measured for k in members]
+        labels = tuple(sessions[k].session.label for k in members)
+        found.append(CheckPoint(min(times), max(times), labels, beyond))
+    return tuple(found)
+
+
+def _degrees_of_freedom(fit: SessionFit, days: int) -> Array:
+    """Return those of each coefficient's variance; a rotation has three draws a mounting."""
+    dof = fit.similar * (days - 1)
+    for one in fit.effects:
+        if one.level == "mount":
+            places = list(one.places)
+            dof[places] = np.minimum(dof[places], one.similar * (one.effect.levels - 1))
+    return dof
+
+
+def _widening(fit: SessionFit) -> Array:
+    """Return by how much the scatter of each coefficient alone exceeds that of like ones, (p,).
+
+    Of sessions that are not all of other days it is not known; what a mounting moves is not alike.
+    """
+    p = len(fit.unit)
+    if not fit.has_other_days:
+        return np.ones(p)
+    effects = fit.effects
+    pooled = scatter(effects, fit.variances.variance, [True] * len(effects), p)
+    pooled = np.diag(pooled) / fit.unit**2
+    moved = {k for one in effects if one.level == "mount" for k in one.places}
+    std = np.sqrt(np.diagonal(fit.own, axis1=1, axis2=2))
+    alone = np.array([
+        0.0 if k in moved
+        else variance_components(fit.values[:, k], std[:, k]).within.sd ** 2
+        for k in range(p)
+    ])  # fmt: skip
+    ratio = np.divide(np.maximum(pooled, alone), pooled, out=np.ones(p), where=pooled > 0)
+    return np.sqrt(ratio)

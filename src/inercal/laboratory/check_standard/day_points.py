@@ -1,0 +1,98 @@
+"""The sessions of each day as one point: a mean, with its covariance and that of the reference.
+
+Sessions of one day are not independent: each of them charted, four a day with half of their
+variance in common, an EWMA of an in-control run length of 385 has one of 59. The mean of a day's n
+sessions has the covariance::
+
+    V = Σ C_own/n² + Σ_c σ_c² K_c Σ_levels (n_l/n)²
+
+with the components σ_c² K_c of the reference, n_l of the sessions being of a level of c. The
+reference mean μ̂ has A⁻¹. What sessions share cancels in the difference to μ̂ where the determination
+is the same; else the difference of the columns, squared, belongs to it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.laboratory.repeatability.effects import LevelName
+from inercal.laboratory.repeatability.session_fit import SessionFit
+from inercal.laboratory.repeatability.sessions import MatchedSessions
+
+_WHICH: dict[LevelName, int] = {"mount": 1, "turn-on": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class DayPoints:
+    """n days of p coefficients, in units of the fit.
+
+    Parameters
+    ----------
+    sessions : tuple of tuple of int
+        The sessions of each day.
+    difference : (n, p) array
+        To the reference.
+    point, reference : (n, p, p) arrays
+        Covariance of the point, and of the reference with what only one of both shares.
+    """
+
+    sessions: tuple[tuple[int, ...], ...]
+    difference: Array
+    point: Array
+    reference: Array
+
+
+def day_points(
+    matched: MatchedSessions, fit: SessionFit, reference: list[int], widening: Array
+) -> DayPoints:
+    """Return the points of all days.
+
+    Parameters
+    ----------
+    matched : MatchedSessions
+        All sessions.
+    fit : SessionFit
+        Of the reference.
+    reference : list of int
+        Its sessions.
+    widening : (p,) array
+        By which the standard deviation of the scatter of each coefficient is enlarged.
+    """
+    unit = fit.unit
+    values, square = matched.values / unit, np.outer(unit, unit)
+    days = matched.level(0)
+    members = [np.flatnonzero(days == day).tolist() for day in range(int(days.max()) + 1)]
+    shared: list[tuple[Array, Array]] = []
+    for one in matched.shared:
+        column: Array = one.column / unit
+        shared.append((column, fit.gain @ column[reference].ravel()))
+    difference: list[Array] = []
+    point: list[Array] = []
+    of_reference: list[Array] = []
+    for of_day in members:
+        n = len(of_day)
+        difference.append(values[of_day].mean(axis=0) - fit.mean)
+        scattered = np.zeros_like(square)
+        for one, variance in zip(fit.effects, fit.variances.variance, strict=True):
+            shape = one.effect.shape / unit[:, None]
+            share = _share(matched, of_day, one.level)
+            scattered = scattered + share * variance * shape @ shape.T
+        scattered = scattered * np.outer(widening, widening)
+        point.append(scattered + matched.own[of_day].sum(axis=0) / square / n**2)
+        total = fit.inverse * np.outer(widening, widening)
+        for column, mean in shared:
+            off = column[of_day].mean(axis=0) - mean
+            total = total + np.outer(off, off)
+        of_reference.append(total)
+    return DayPoints(
+        tuple(map(tuple, members)), np.array(difference), np.array(point), np.array(of_reference)
+    )
+
+
+def _share(matched: MatchedSessions, of_day: list[int], level: LevelName) -> float:
+    """Return Σ (n_l/n)², the part of a variance that the mean of a day's sessions has."""
+    if level not in _WHICH:
+        return 1.0
+    number = matched.level(_WHICH[level])[of_day]
+    return float(np.sum((np.bincount(number) / len(of_day)) ** 2))

@@ -1,0 +1,111 @@
+"""The result as a file, `*.repeatability.json`; `inercal.calibration.next_use` reads it."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+from inercal.calibration import Calibration
+from inercal.calibration.next_use import SCHEMA
+from inercal.laboratory.repeatability.repeated_sessions import Repeatability, StatedUncertainty
+from inercal.physics.sensors import SI_UNITS
+
+
+def as_object(found: Repeatability) -> dict[str, Any]:
+    """Return the result as the JSON object of its file, SI."""
+    matched = found.matched
+    return {
+        "schema": SCHEMA,
+        "sensor": {"name": matched.sensor.name},
+        "frame": matched.frame,
+        "form": matched.sensor.form,
+        "next": found.scope,
+        "mount": found.mount_owner,
+        "coefficients": [
+            {
+                "name": name,
+                "unit": SI_UNITS[matched.sensor.coefficient(name).unit],
+                "value": float(found.values[k]),
+                "dof": float(found.next_use.dof[k]),
+                "mean": _statement(found.mean, k),
+                "next_use": _statement(found.next_use, k),
+            }
+            for k, name in enumerate(found.names)
+        ],
+        "scatter": found.scatter.tolist(),
+        "run_to_run": found.run_to_run.tolist(),
+        "covariance": {
+            "mean": found.mean.covariance.tolist(),
+            "next_use": found.next_use.covariance.tolist(),
+        },
+        "components": [
+            {
+                "name": one.effect.name,
+                "level": one.effect.level,
+                "owner": one.effect.owner,
+                "coefficients": [found.names[k] for k in one.effect.places],
+                "sd": one.sd,
+                "low": one.low,
+                "high": one.high,
+                "dof": one.dof,
+            }
+            for one in found.components
+        ],
+        "sessions": [
+            {
+                "label": one.label,
+                "day": one.day,
+                "mount": one.mount,
+                "turn_on": one.turn_on,
+                "recording_sha256": one.calibration.provenance.get("recording sha256", ""),
+            }
+            for one in matched.sessions
+        ],
+        "findings": list(found.findings),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "inercal": version("inercal"),
+    }
+
+
+def _statement(one: StatedUncertainty, k: int) -> dict[str, float]:
+    return {
+        "scatter_std": float(one.scatter_std[k]),
+        "shared_std": float(one.shared_std[k]),
+        "U": float(one.expanded[k]),
+    }
+
+
+def next_use_calibration(found: Repeatability) -> Calibration:
+    """Return the mean as a calibration, with U/2 of the next use as standard uncertainties.
+
+    It corrects readings and is exported like any other. Coefficients that not all sessions
+    measured are left out.
+    """
+    last = found.matched.sessions[-1].calibration
+    sessions = [one.label for one in found.matched.sessions]
+    return Calibration(
+        replace(last.sensor, coefficients=found.names),
+        found.values,
+        found.next_use.covariance,
+        method="repeat",
+        conditions=last.conditions,
+        provenance={
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "inercal": version("inercal"),
+            "sessions": ", ".join(sessions),
+        },
+        notes=(
+            f"mean of {len(sessions)} sessions; U is that of the next use, on another "
+            f"{found.scope}, and includes what the sessions share",
+            *found.findings,
+        ),
+        frame=last.frame,
+        mount=last.mount,
+        shared=None,
+    )
+
+
+def to_text(found: Repeatability) -> str:
+    """Return the text of the file."""
+    return json.dumps(as_object(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

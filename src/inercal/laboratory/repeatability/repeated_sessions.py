@@ -1,0 +1,324 @@
+"""The main path: sessions, to the mean of a sensor and its next use, each with its U.
+
+With the scatter of the sessions estimated (`effects`), V the covariance of all sessions from own
+covariances and scatter, and W = V⁻¹, the mean is θ̂ = A⁻¹ XᵀWy, A = XᵀWX. Two statements::
+
+    mean       u_A² = max(1, q) [A⁻¹]
+    next use   u_A² = σ² + max(1, q) [A⁻¹],  σ² the scatter that goes with the sensor
+    both       U² = t_ν² u_A² + 4 u_B²
+
+u_B is that of errors which sessions share, L = A⁻¹ XᵀW P / u_q for each determination: no number of
+sessions lowers it. q is the weighted scatter about the mean over its expectation (Hartung and Knapp
+2001). Like axes share a variance; an axis that scatters more by itself takes its own, where its
+sessions' own uncertainties do not explain that (`single_scatter`). t_ν has the coverage of 2u, with
+ν = m (n − 1) of m like axes and n levels.
+
+Sources: JCGM 100:2008, G.4; Hartung and Knapp, Statistics in Medicine 20 (2001), 3875–3889;
+Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159 (prediction).
+"""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty.conformity import expanded_uncertainty
+from inercal.estimation.uncertainty.coverage import COVERAGE, COVERAGE_PROBABILITY
+from inercal.laboratory.repeatability.effects import (
+    NamedEffect,
+    Owner,
+    Scope,
+    named_effects,
+    scatter,
+)
+from inercal.laboratory.repeatability.session_findings import findings, single_scatter_lines
+from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
+from inercal.laboratory.repeatability.sessions import (
+    MatchedSessions,
+    RepeatedSession,
+    match_sessions,
+)
+
+
+class Limits(NamedTuple):
+    """A standard deviation, and its limits."""
+
+    sd: float
+    low: float
+    high: float
+
+
+def scatter_limits(variance: float, variance_of_it: float, dof: int) -> Limits:
+    """Return the limits of σ with 95.45 % coverage.
+
+    σ² + s², s² the part of the noise, has the distribution of χ² with ν degrees of freedom, and so
+    the variance 2 (σ² + s²)²/ν: from it follows s².
+
+    Parameters
+    ----------
+    variance, variance_of_it : float
+        σ² as estimated, and the variance of the estimate.
+    dof : int
+        ν.
+
+    Examples
+    --------
+    >>> sd, low, high = scatter_limits(1.0, 2 / 9, 9)  # without noise
+    >>> round(low, 2), round(high, 2)
+    (0.68, 1.85)
+    """
+    total = max(sqrt(variance_of_it * dof / 2), variance)
+    noise = total - variance
+    tail = (1 - COVERAGE_PROBABILITY) / 2
+    low, high = (
+        max(total * dof / float(scipy.special.chdtri(dof, p)) - noise, 0.0)
+        for p in (tail, 1 - tail)
+    )
+    return Limits(sqrt(variance), sqrt(low), sqrt(high))
+
+
+@dataclass(frozen=True, eq=False)
+class ScatterComponent:
+    """A component of the scatter between sessions, SI.
+
+    Parameters
+    ----------
+    effect : NamedEffect
+    sd, low, high : float
+        Standard deviation, and its limits with 95.45 % coverage.
+    dof : int
+    """
+
+    effect: NamedEffect
+    sd: float
+    low: float
+    high: float
+    dof: int
+
+
+@dataclass(frozen=True, eq=False)
+class StatedUncertainty:
+    """Uncertainty of a value, SI.
+
+    Parameters
+    ----------
+    scatter_std : (p,) array
+        u_A, of scatter.
+    shared_std : (p,) array
+        u_B, of what sessions share.
+    dof : (p,) array
+        Degrees of freedom of u_A.
+    expanded : (p,) array
+        U, with 95.45 % coverage.
+    covariance : (p, p) array
+        With U/2 as standard uncertainties, for what reads a covariance alone.
+    """
+
+    scatter_std: Array
+    shared_std: Array
+    dof: Array
+    expanded: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Repeatability:
+    """What repeated sessions of a sensor say.
+
+    Parameters
+    ----------
+    fit : SessionFit
+        The sessions in the same terms, and their scatter.
+    values : (p,) array
+        Mean, SI, of `matched.names`.
+    scope : "day" or "turn-on"
+        What is new in the next use.
+    mount_owner : "sensor" or "bench"
+        Whether the next use holds a new mounting.
+    mean, next_use : StatedUncertainty
+    scatter : (p, p) array
+        Covariance that a next use adds to the mean, SI.
+    components : tuple of ScatterComponent
+    """
+
+    fit: SessionFit
+    values: Array
+    scope: Scope
+    mount_owner: Owner
+    mean: StatedUncertainty
+    next_use: StatedUncertainty
+    scatter: Array
+    components: tuple[ScatterComponent, ...]
+
+    @property
+    def matched(self) -> MatchedSessions:
+        """The sessions in the same terms."""
+        return self.fit.matched
+
+    @cached_property
+    def findings(self) -> tuple[str, ...]:
+        """What the sessions do not agree with, and what was assumed."""
+        pooled = np.diag(_pooled_scatter(self.fit, self.scope))
+        own = np.flatnonzero(_scatter_alone(self.fit) > pooled).tolist()
+        return (
+            *findings(self.fit, self.mount_owner),
+            *single_scatter_lines(self.fit, pooled, own),
+        )
+
+    @property
+    def run_to_run(self) -> Array:
+        """Covariance of a session about the mean without its own uncertainty, (p, p), SI.
+
+        What a next use adds, and what the bench answers for, such as a new mounting.
+        """
+        effects = self.fit.effects
+        others = [not one.is_in_next_use(self.scope) for one in effects]
+        return self.scatter + scatter(effects, self.fit.variances.variance, others, len(self.names))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The coefficients."""
+        return self.matched.names
+
+
+def repeat(
+    sessions: Sequence[RepeatedSession], *, scope: Scope = "day", mount_owner: Owner = "bench"
+) -> Repeatability:
+    """Return the mean of a sensor over its sessions, and its next use.
+
+    Parameters
+    ----------
+    sessions : sequence of RepeatedSession
+        Two or more, the last in the terms of which all are stated.
+    scope : "day" or "turn-on"
+        Whether the next use is on another day, or after another turn-on of the same day.
+    mount_owner : "sensor" or "bench"
+        Whether the rotation of a new mounting is part of the next use, or of the user's mounting.
+
+    Raises
+    ------
+    InputError
+        Calibrations that cannot be compared, or sessions that do not show the scope.
+    """
+    matched = match_sessions(sessions)
+    days, turn_ons = int(matched.level(0).max()) + 1, int(matched.level(2).max()) + 1
+    if scope == "day" and days < 2:
+        raise InputError(
+            "all sessions are of one day: they do not show how the sensor scatters from day to "
+            "day; give sessions of other days, or state the next turn-on of a day (--next turn-on)",
+            key="--next",
+        )
+    if scope == "turn-on" and turn_ons < 2:
+        raise InputError(
+            "all sessions are of one turn-on: they do not show how the sensor scatters; give "
+            "sessions after other turn-ons",
+            key="--next",
+        )
+    effects = named_effects(matched, mount_owner)
+    return _state(fit_sessions(matched, effects), scope, mount_owner)
+
+
+def _state(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Repeatability:
+    """Return the two statements of fitted sessions."""
+    dof = fit.similar * (_count_of_scope(fit.matched, scope) - 1)
+    next_use = _next_use_scatter(fit, scope)
+    spread = _spread_ratio(fit)
+    mean = fit.inverse * np.outer(spread, spread)
+    components = tuple(_component(fit, k) for k in range(len(fit.effects)))
+    return Repeatability(
+        fit=fit,
+        values=fit.mean * fit.unit,
+        scope=scope,
+        mount_owner=mount_owner,
+        mean=_statement(fit, mean, dof),
+        next_use=_statement(fit, next_use + mean, dof),
+        scatter=next_use * np.outer(fit.unit, fit.unit),
+        components=components,
+    )
+
+
+def _count_of_scope(matched: MatchedSessions, scope: Scope) -> int:
+    days, turn_ons = (int(matched.level(which).max()) + 1 for which in (0, 2))
+    return days if scope == "day" or days == turn_ons else turn_ons - days + 1
+
+
+def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
+    """Return the covariance of the next use, (p, p), in units of the fit.
+
+    A coefficient that scatters more by itself than like ones takes its own variance.
+    """
+    size = len(fit.unit)
+    pooled = _pooled_scatter(fit, scope)
+    alone = _scatter_alone(fit)
+    diagonal = np.diag(pooled)
+    ratio = np.divide(np.maximum(diagonal, alone), diagonal, out=np.ones(size), where=diagonal > 0)
+    found: Array = pooled * np.sqrt(np.outer(ratio, ratio))
+    found[np.diag_indices(size)] = np.maximum(diagonal, alone)
+    return found
+
+
+def _pooled_scatter(fit: SessionFit, scope: Scope) -> Array:
+    """Return the covariance of the next use by what like coefficients share, (p, p)."""
+    chosen = [one.is_in_next_use(scope) for one in fit.effects]
+    pooled = scatter(fit.effects, fit.variances.variance, chosen, len(fit.unit))
+    return pooled / np.outer(fit.unit, fit.unit)
+
+
+def _scatter_alone(fit: SessionFit) -> Array:
+    """Return the variance of each coefficient from its own values, (p,), in units of the fit.
+
+    None of sessions that are not all of other days, of misalignments that a mounting moves for
+    which the bench answers, where the sessions' own uncertainties explain it, or where one session
+    outweighs the others.
+    """
+    if not fit.has_other_days:
+        return np.zeros(len(fit.unit))
+    counts = fit.alone.counts_in_next_use.copy()
+    for number, one in enumerate(fit.effects):
+        if one.owner == "bench" or number in fit.unseen:
+            counts[list(one.places)] = False
+    return np.where(counts, fit.alone.variance, 0.0)
+
+
+def _spread_ratio(fit: SessionFit) -> Array:
+    """Return √max(1, q) of each coefficient, that of like axes together or its own.
+
+    Its own counts where the sessions' own uncertainties do not explain it.
+    """
+    ratio = np.ones(len(fit.unit))
+    if not fit.has_other_days:
+        return ratio
+    q = ((fit.values - fit.mean) ** 2 / fit.variance).sum(axis=0) / (len(fit.values) - 1)
+    for places in fit.groups.values():
+        picks = list(places)
+        own = np.where(fit.alone.counts[picks], q[picks], 1.0)
+        ratio[picks] = np.sqrt(np.maximum(1.0, np.maximum(q[picks].mean(), own)))
+    return ratio
+
+
+def _statement(fit: SessionFit, scattered: Array, dof: Array) -> StatedUncertainty:
+    u_a, u_b = np.sqrt(np.diag(scattered)), np.sqrt(np.diag(fit.shared))
+    enlarged = expanded_uncertainty(u_a, dof)
+    expanded = np.hypot(enlarged, COVERAGE * u_b)
+    by = expanded_uncertainty(np.ones(len(dof)), dof) / COVERAGE
+    covariance = scattered * np.outer(by, by) + fit.shared
+    unit = fit.unit
+    return StatedUncertainty(
+        u_a * unit, u_b * unit, dof, expanded * unit, covariance * np.outer(unit, unit)
+    )
+
+
+def _component(fit: SessionFit, k: int) -> ScatterComponent:
+    effect, variances = fit.effects[k], fit.variances
+    dof = effect.similar * (effect.effect.levels - 1)
+    limits = scatter_limits(float(variances.variance[k]), float(variances.covariance[k, k]), dof)
+    return ScatterComponent(effect, *limits, dof)

@@ -1,0 +1,149 @@
+"""What sessions do not agree with, and what was assumed, in words."""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy
+
+from inercal.basics.arrays import Array
+from inercal.laboratory.repeatability.effects import Owner, named_effects, scatter
+from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
+
+_CHANCE = 0.01  # of a false finding, of all axes of a group or of all sessions
+_LEAST_SESSIONS = 4  # to find one that lies apart
+
+
+def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
+    """Return the sessions that lie apart from the others, with the probability of chance.
+
+    Each is compared with the mean and the scatter of the others, which it does not enlarge.
+    """
+    count, size = len(fit.values), len(fit.unit)
+    found: dict[str, float] = {}
+    if not fit.has_other_days or count < _LEAST_SESSIONS:
+        return found
+    dof = int(fit.similar.max()) * (count - 2)
+    for k, one in enumerate(fit.matched.sessions):
+        others = fit.matched.without(k)
+        apart = fit_sessions(others, named_effects(others, mount_owner))
+        rescaled = apart.unit / fit.unit
+        effects, variance = apart.effects, apart.variances.variance
+        spread = scatter(effects, variance, [True] * len(effects), size)
+        square: Array = np.outer(rescaled, rescaled)
+        covariance: Array = (
+            fit.own[k] + spread / np.outer(fit.unit, fit.unit) + apart.inverse * square
+        )
+        off: Array = fit.values[k] - apart.mean * rescaled
+        whitened = np.linalg.solve(np.linalg.cholesky(covariance), off)
+        chi2 = float(np.sum(whitened**2))
+        chance = float(scipy.special.fdtrc(size, dof, chi2 / size))
+        if chance < _CHANCE / count:
+            found[one.label] = chance
+    return found
+
+
+def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) -> list[str]:
+    """Return which coefficients take their own scatter, with its size and that of like ones.
+
+    Parameters
+    ----------
+    pooled : (p,) array
+        Variance that like coefficients share, in units of the fit.
+    places : sequence of int
+        The coefficients that take their own.
+    """
+    parts: list[str] = []
+    for j in places:
+        name = fit.matched.names[j]
+        term = fit.matched.sensor.coefficient(name)
+        own, like = (
+            np.sqrt(one[j]) * fit.unit[j] / term.si for one in (fit.alone.variance, pooled)
+        )
+        parts.append(
+            f"{name} {own:.3g} {term.unit} in place of {like:.3g} {term.unit} "
+            f"(p = {fit.alone.chance[j]:.1g})"
+        )
+    if not parts:
+        return []
+    return [
+        f"own scatter in U of the next use, larger than that of like coefficients: "
+        f"{', '.join(parts)}; p: of its sessions' own uncertainties alone"
+    ]
+
+
+def hidden_scatter_lines(fit: SessionFit) -> list[str]:
+    """Return the scatter that the sessions cannot show."""
+    return [
+        f"{fit.effects[k].name}: one session outweighs the others, which show no scatter beyond "
+        "their uncertainties; U of the next use holds none, add a session as good as the best"
+        for k in fit.unseen
+    ]
+
+
+def outlier_axes(
+    values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]
+) -> list[int]:
+    """Return coefficients that scatter more than the like ones of other axes.
+
+    Parameters
+    ----------
+    values : (k, p) array
+        Deviations from the mean, in units in which all sessions scatter alike.
+    groups : mapping
+        Places of like coefficients.
+    """
+    found: list[int] = []
+    k = len(values)
+    variance = np.var(values, axis=0, ddof=1)
+    for places in groups.values():
+        for j in places if len(places) > 1 else ():
+            others = [variance[i] for i in places if i != j]
+            ratio = variance[j] / max(float(np.mean(others)), 1e-300)
+            chance = scipy.special.fdtrc(k - 1, (k - 1) * len(others), ratio)
+            if chance < _CHANCE / len(places):
+                found.append(j)
+    return found
+
+
+def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
+    """Return what a reader must know of the result, the gravest first."""
+    matched = fit.matched
+    lines: list[str] = []
+    if not fit.variances.converged:
+        lines.append("the estimate of the scatter did not converge: do not rely on it")
+    lines += [
+        f"{label} lies apart from the other sessions (p = {p:.1g}): was the sensor changed, or the "
+        "bench?"
+        for label, p in outlier_sessions(fit, mount_owner).items()
+    ]
+    if fit.has_other_days:
+        lines += [
+            f"{matched.names[j]} scatters more than those of the other axes; U of the next use "
+            "takes its own scatter, and covers less than 95 % with few sessions"
+            for j in outlier_axes(_standardized(fit), _without_rotated(fit))
+            if fit.alone.counts[j]
+        ]
+    lines += hidden_scatter_lines(fit)
+    if matched.unstated:
+        lines.append(
+            f"{', '.join(matched.unstated)}: states no errors that calibrations share; all of its "
+            "uncertainty is taken as shared, which no number of sessions lowers"
+        )
+    if common := [one.name for one in matched.shared if one.name and one.is_common]:
+        lines.append(f"shared by all sessions, and not averaged: {', '.join(common)}")
+    if matched.left_out:
+        lines.append(f"not in all sessions, or fixed: {', '.join(matched.left_out)}")
+    return tuple(lines)
+
+
+def _standardized(fit: SessionFit) -> Array:
+    """Return deviations from the mean over their standard deviations: sessions weigh by their u."""
+    return (fit.values - fit.mean) / np.sqrt(fit.variance)
+
+
+def _without_rotated(fit: SessionFit) -> Mapping[tuple[str, str, float], Sequence[int]]:
+    """Leave out what a mounting moves: its axes are not alike."""
+    moved = {place for one in fit.effects if one.level == "mount" for place in one.places}
+    return {key: places for key, places in fit.groups.items() if not moved & set(places)}

@@ -1,0 +1,190 @@
+"""Sessions and their scatter fitted, in units in which the coefficients are comparable."""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from inercal.basics.arrays import Array
+from inercal.estimation.uncertainty.repeated_measurements import (
+    EffectVariances,
+    RandomEffect,
+    block_matrix,
+    effect_variances,
+)
+from inercal.laboratory.repeatability.effects import NamedEffect, similar_coefficients
+from inercal.laboratory.repeatability.sessions import MatchedSessions
+from inercal.laboratory.repeatability.single_scatter import (
+    CHANCE,
+    SingleScatter,
+    covariances_by_coefficient,
+    single_scatter,
+)
+
+_LEAST_EFFECTIVE = 1.5  # sessions in a mean, (Σw)²/Σw²: with fewer, one has 80 % of the weight
+
+
+@dataclass(frozen=True, eq=False)
+class SessionFit:
+    """k sessions of p coefficients, fitted.
+
+    Parameters
+    ----------
+    matched : MatchedSessions
+    effects : tuple of NamedEffect
+    groups : mapping
+        Places of like coefficients.
+    unit : (p,) array
+        SI size of the units of what follows, equal for like coefficients.
+    values : (k, p) array
+    own : (k, p, p) array
+        Covariances without what is shared.
+    variances : EffectVariances
+        SI.
+    blocks : (k, p, p) array
+        Covariance of each session about the mean, without what is shared.
+    mean : (p,) array
+    inverse : (p, p) array
+        A⁻¹, covariance of the mean without what is shared.
+    shared : (p, p) array
+        Covariance of the mean by what is shared.
+    gain : (p, k p) array
+        Derivatives of the mean by all values.
+    alone : SingleScatter
+        Of each coefficient by itself.
+    unseen : tuple of int
+        Effects that the sessions do not show: one session outweighs the others, and these scatter
+        no more than their own uncertainties explain. Their variance is 0.
+    """
+
+    matched: MatchedSessions
+    effects: tuple[NamedEffect, ...]
+    groups: Mapping[tuple[str, str, float], tuple[int, ...]]
+    unit: Array
+    values: Array
+    own: Array
+    variances: EffectVariances
+    blocks: Array
+    mean: Array
+    inverse: Array
+    shared: Array
+    gain: Array
+    alone: SingleScatter
+    unseen: tuple[int, ...]
+
+    @property
+    def has_other_days(self) -> bool:
+        """Whether all sessions are of other days."""
+        return int(self.matched.level(0).max()) + 1 == len(self.matched.sessions)
+
+    @property
+    def variance(self) -> Array:
+        """Variance of each value about the mean, without what is shared, (k, p)."""
+        return np.diagonal(self.blocks, axis1=1, axis2=2)
+
+    @property
+    def similar(self) -> Array:
+        """How many like coefficients each has, itself included, (p,)."""
+        count = np.ones(len(self.unit))
+        for places in self.groups.values():
+            count[list(places)] = len(places)
+        return count
+
+
+def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> SessionFit:
+    """Return sessions with the variances of their effects, and the mean by these."""
+    k, p = len(matched.sessions), len(matched.names)
+    groups = similar_coefficients(matched.sensor, matched.names)
+    unit = _units(matched, groups)
+    values, square = matched.values / unit, np.outer(unit, unit)
+    own: Array = matched.own / square
+    scaled = [RandomEffect(one.effect.shape / unit[:, None], one.effect.level) for one in effects]
+    columns = [(one.column / unit).ravel() for one in matched.shared]
+    known = block_matrix(own)
+    for one, column in zip(matched.shared, columns, strict=True):
+        if not one.is_common:  # what all sessions share moves them alike
+            known += np.outer(column, column)
+    by_coefficient = covariances_by_coefficient(matched, own, unit)
+    alone = single_scatter(values, by_coefficient)
+    unseen = _unseen_effects(effects, by_coefficient, alone)
+    variances = _seen_variances(values, known, scaled, unseen)
+    total = block_matrix(_weighting(matched, square))
+    for size, one in zip(variances.variance, scaled, strict=True):
+        total += size * one.covariance()
+    x = np.tile(np.eye(p), (k, 1))
+    weighted = np.linalg.solve(total, x)
+    inverse: Array = np.asarray(np.linalg.inv(x.T @ weighted), dtype=float)
+    gain = inverse @ weighted.T
+    shared = np.zeros((p, p))
+    for column in columns:
+        moved = gain @ column
+        shared += np.outer(moved, moved)
+    every = np.arange(k)
+    blocks: Array = total.reshape(k, p, k, p)[every, :, every]
+    mean = gain @ values.ravel()
+    return SessionFit(
+        matched, effects, groups, unit, values, own, variances, blocks, mean, inverse,
+        shared, gain, alone, unseen,
+    )  # fmt: skip
+
+
+def _unseen_effects(
+    effects: tuple[NamedEffect, ...], by_coefficient: Array, alone: SingleScatter
+) -> tuple[int, ...]:
+    """Return the effects of which the sessions say nothing at the size that matters.
+
+    Where one session has almost all weight in the mean, the others, with their large uncertainties,
+    alone tell of the scatter: a chance estimate from them would outweigh the good session.
+    """
+    k = by_coefficient.shape[1]
+    variance = np.diagonal(by_coefficient, axis1=1, axis2=2)
+    found: list[int] = []
+    for number, one in enumerate(effects):
+        places = list(one.places)
+        weight = 1 / variance[places].mean(axis=0)
+        if weight.sum() ** 2 / (weight**2).sum() >= _LEAST_EFFECTIVE:
+            continue
+        squares = float(alone.squares[places].sum())
+        if scipy.special.chdtrc(len(places) * (k - 1), squares) >= CHANCE:
+            found.append(number)
+    return tuple(found)
+
+
+def _seen_variances(
+    values: Array, known: Array, effects: Sequence[RandomEffect], unseen: tuple[int, ...]
+) -> EffectVariances:
+    """Return the variances of all effects, 0 of those unseen."""
+    seen = [k for k in range(len(effects)) if k not in unseen]
+    whole = effect_variances(values, known, effects)
+    if not unseen:
+        return whole
+    variance = np.zeros(len(effects))
+    if not seen:
+        return EffectVariances(variance, whole.covariance, converged=True)
+    part = effect_variances(values, known, [effects[k] for k in seen])
+    variance[seen] = part.variance
+    covariance = whole.covariance.copy()  # the limits of what is unseen stay as wide as they are
+    covariance[np.ix_(seen, seen)] = part.covariance
+    return EffectVariances(variance, covariance, part.converged)
+
+
+def _units(
+    matched: MatchedSessions, groups: Mapping[tuple[str, str, float], tuple[int, ...]]
+) -> Array:
+    """Return a size for each coefficient, equal for like ones: u and scatter together."""
+    unit = np.empty(len(matched.names))
+    spread: Array = np.var(matched.values, axis=0, ddof=1)
+    variance: Array = spread + np.diagonal(matched.stated, axis1=1, axis2=2).mean(axis=0)
+    for places in groups.values():
+        unit[list(places)] = np.sqrt(float(variance[list(places)].mean()))
+    return unit
+
+
+def _weighting(matched: MatchedSessions, square: Array) -> Array:
+    """Return the covariances that weigh: as stated where a file names no shared errors."""
+    silent = np.array([one.calibration.shared is None for one in matched.sessions])
+    return np.where(silent[:, None, None], matched.stated, matched.own) / square

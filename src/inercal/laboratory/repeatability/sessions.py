@@ -1,0 +1,240 @@
+"""Sessions of one sensor, and their calibrations in the same terms.
+
+What calibrations share, such as one value of local gravity, is not scatter and does not average:
+it is taken out of each session's own covariance, by the columns that the calibrations store.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.calibration import Calibration
+from inercal.calibration.comparison import (
+    fixed_coefficients,
+    match_frame_and_form,
+    recording_sha256,
+)
+from inercal.physics.sensors import Sensor
+
+_OWN_OF_UNSTATED = 1e-6  # part of a covariance that counts as own where nothing is stated
+_LEAST_EIGENVALUE = 1e-9  # of an own covariance, relative to the stated one
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatedSession:
+    """A calibration, and what was new in it.
+
+    Parameters
+    ----------
+    label : str
+        Name for messages, such as the file's.
+    calibration : Calibration
+    day, mount, turn_on : str
+        Sessions with equal words are of one day, one mounting in the fixture, one power cycle.
+    """
+
+    label: str
+    calibration: Calibration
+    day: str
+    mount: str
+    turn_on: str
+
+    def level_names(self) -> tuple[str, str, str]:
+        """Return day, mount and turn-on."""
+        return self.day, self.mount, self.turn_on
+
+
+@dataclass(frozen=True, eq=False)
+class SharedColumn:
+    """An error of the bench in all sessions of one determination.
+
+    Parameters
+    ----------
+    name : str
+    column : (k, p) array
+        Covariance of coefficients and error, over the error's standard deviation; 0 in sessions
+        of another determination.
+    members : (k,) array of bool
+        The sessions of this determination.
+    """
+
+    name: str
+    column: Array
+    members: NDArray[np.bool_]
+
+    @property
+    def is_common(self) -> bool:
+        """Whether all sessions have it."""
+        return bool(self.members.all())
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedSessions:
+    """k sessions of p coefficients, SI.
+
+    Parameters
+    ----------
+    sessions : tuple of RepeatedSession
+    sensor : Sensor
+        That of the last session.
+    frame : str
+        Body frame of the misalignments.
+    names : tuple of str
+        Coefficients that all sessions measured.
+    values : (k, p) array
+    own : (k, p, p) array
+        Covariance without what is shared.
+    stated : (k, p, p) array
+        As the calibrations state it.
+    shared : tuple of SharedColumn
+    unstated : tuple of str
+        Sessions that do not state what they share: everything is taken as shared.
+    left_out : tuple of str
+        Coefficients that not all sessions measured.
+    """
+
+    sessions: tuple[RepeatedSession, ...]
+    sensor: Sensor
+    frame: str
+    names: tuple[str, ...]
+    values: Array
+    own: Array
+    stated: Array
+    shared: tuple[SharedColumn, ...]
+    unstated: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    def level(self, which: int) -> NDArray[np.intp]:
+        """Return the number of each session's day (0), mount (1) or turn-on (2), (k,)."""
+        words = [one.level_names()[which] for one in self.sessions]
+        order = {word: n for n, word in enumerate(dict.fromkeys(words))}
+        return np.array([order[word] for word in words], dtype=np.intp)
+
+    def without(self, index: int) -> "MatchedSessions":
+        """Return the other sessions."""
+        return self.subset([k for k in range(len(self.sessions)) if k != index])
+
+    def subset(self, kept: Sequence[int]) -> "MatchedSessions":
+        """Return some of the sessions."""
+        shared = (
+            replace(one, column=one.column[kept], members=one.members[kept]) for one in self.shared
+        )
+        return replace(
+            self,
+            sessions=tuple(self.sessions[k] for k in kept),
+            values=self.values[kept],
+            own=self.own[kept],
+            stated=self.stated[kept],
+            shared=tuple(one for one in shared if one.members.any()),
+        )
+
+
+def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
+    """Return sessions in the terms of the last one.
+
+    Raises
+    ------
+    InputError
+        Fewer than two sessions, two of one recording, or calibrations that cannot be compared.
+    """
+    if len(sessions) < 2:
+        raise InputError(
+            f"{len(sessions)} session: its scatter is not observed; give two or more calibrations "
+            "of one sensor"
+        )
+    _refuse_one_recording(sessions)
+    last = sessions[-1].calibration
+    matched: list[Calibration] = []
+    for one in sessions:
+        try:
+            matched.append(match_frame_and_form(one.calibration, last))
+        except InputError as error:
+            raise error.located(f"{one.label} compared with {sessions[-1].label}") from None
+    fixed = frozenset[str]().union(*map(fixed_coefficients, matched))
+    names = tuple(
+        name
+        for name in last.sensor.coefficients
+        if name not in fixed and all(name in one.sensor.coefficients for one in matched)
+    )
+    if not names:
+        raise InputError("the calibrations have no coefficient in common that was measured")
+    known = {name for one in matched for name in one.sensor.coefficients}
+    stated = np.array([_covariance(one, names) for one in matched])
+    shared = _shared_columns(matched, names, stated)
+    unstated = [one.shared is None for one in matched]
+    own = stated - sum(
+        (np.einsum("kp,kq->kpq", one.column, one.column) for one in shared if one.name),
+        np.zeros_like(stated),
+    )
+    own[unstated] = _OWN_OF_UNSTATED * stated[unstated]
+    return MatchedSessions(
+        tuple(sessions),
+        last.sensor,
+        last.frame,
+        names,
+        np.array([[one.value(name) for name in names] for one in matched]),
+        np.array([_nonnegative(o, w) for o, w in zip(own, stated, strict=True)]),
+        stated,
+        shared,
+        tuple(s.label for s, is_so in zip(sessions, unstated, strict=True) if is_so),
+        tuple(sorted(known - set(names))),
+    )
+
+
+def _refuse_one_recording(sessions: Sequence[RepeatedSession]) -> None:
+    by_recording: dict[str, str] = {}
+    for one in sessions:
+        recording = recording_sha256(one.calibration)
+        if recording and recording in by_recording:
+            raise InputError(
+                f"{by_recording[recording]} and {one.label} are of one recording; give one of them"
+            )
+        by_recording[recording] = one.label
+
+
+def _covariance(calibration: Calibration, names: Sequence[str]) -> Array:
+    place = {name: k for k, name in enumerate(calibration.sensor.coefficients)}
+    picks = [place[name] for name in names]
+    return calibration.covariance[np.ix_(picks, picks)]
+
+
+def _shared_columns(
+    calibrations: Sequence[Calibration], names: Sequence[str], stated: Array
+) -> tuple[SharedColumn, ...]:
+    """Return a column for each determination, and for what is not stated those of a root."""
+    k, p = len(calibrations), len(names)
+    columns: dict[tuple[str, str], Array] = {}
+    for i, one in enumerate(calibrations):
+        picks = [one.sensor.coefficients.index(name) for name in names]
+        for error in one.shared or ():
+            column = columns.setdefault((error.name, error.determination), np.zeros((k, p)))
+            column[i] = error.covariance[picks] / error.std
+    found = [
+        SharedColumn(name, column, np.asarray(column.any(axis=1)))
+        for (name, _), column in columns.items()
+    ]
+    silent = np.array([one.shared is None for one in calibrations])
+    if silent.any():
+        roots = np.zeros((p, k, p))
+        for i in np.flatnonzero(silent):
+            roots[:, i] = _root(stated[i]).T
+        found += [SharedColumn("", column, silent) for column in roots]
+    return tuple(found)
+
+
+def _root(covariance: Array) -> Array:
+    """Return the symmetric root: that of equal covariances is equal."""
+    values, vectors = np.linalg.eigh(covariance)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+
+
+def _nonnegative(own: Array, stated: Array) -> Array:
+    """Return an own covariance that is positive definite; rounding may have left it otherwise."""
+    scale = np.sqrt(np.diag(stated))
+    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
+    values = np.maximum(values, _LEAST_EIGENVALUE)
+    return (vectors * values) @ vectors.T * np.outer(scale, scale)

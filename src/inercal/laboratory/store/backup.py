@@ -1,0 +1,157 @@
+"""A register as one file, and back: an SQLite file with the same tables, whatever the register is.
+
+What is read is one state of the register. Numbers, times and names stay as they are, so that a
+register on a server can be moved into a file, and a file to a server.
+"""
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, func, insert, select, text
+
+from inercal.basics.atomic_files import atomic_write
+from inercal.basics.errors import InputError
+from inercal.calibration.files import parse
+from inercal.laboratory.store.address import RegisterAddress, resolve_address
+from inercal.laboratory.store.connection import (
+    make_engine,
+    read_transaction,
+    upgrade_register,
+    write_transaction,
+)
+from inercal.laboratory.store.register_tables import calibration, certificate, metadata
+
+_ROWS = 200  # at once
+_SQLITE_HEAD = b"SQLite format 3\x00"
+
+
+def backup_register(address: str | None, path: Path) -> dict[str, int]:
+    """Write the register to a file, completely or not at all; return rows by table.
+
+    Parameters
+    ----------
+    address : str or None
+        Of the register, as `Register` takes it.
+    path : Path
+
+    Raises
+    ------
+    InputError
+        There is no such register, or what it holds is damaged.
+    """
+    source = resolve_address(address)
+    _require_register(source)
+    with atomic_write(path) as temporary:
+        counts = _copy(source, resolve_address(str(temporary)))
+    return counts
+
+
+def restore_register(path: Path, address: str | None) -> dict[str, int]:
+    """Read a backup into a register that is empty or not there; return rows by table.
+
+    Raises
+    ------
+    InputError
+        Not a backup, damaged content, or a register that holds something.
+    """
+    if not _is_sqlite(path):
+        raise InputError(
+            f"{path}: no backup of a register; give a file of `inercal store backup`", file=path
+        )
+    target = resolve_address(address)
+    with tempfile.TemporaryDirectory() as folder:
+        # A copy: the tables of an older backup are brought up to date first.
+        copy = Path(shutil.copy(path, Path(folder) / "backup.db"))
+        if target.file is None or target.file.exists():
+            return _copy(resolve_address(str(copy)), target)
+        with atomic_write(target.file) as temporary:
+            return _copy(resolve_address(str(copy)), resolve_address(str(temporary)))
+
+
+def _is_sqlite(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_SQLITE_HEAD)) == _SQLITE_HEAD
+
+
+def _require_register(address: RegisterAddress) -> None:
+    if address.file is not None and not address.file.is_file():
+        raise InputError(
+            f"{address.file}: no such register; name another by --register",
+            file=address.file,
+            key="--register",
+        )
+
+
+def _copy(source: RegisterAddress, target: RegisterAddress) -> dict[str, int]:
+    engines = make_engine(source), make_engine(target)
+    try:
+        upgrade_register(engines[0], source, create=False)
+        upgrade_register(engines[1], target)
+        with (
+            read_transaction(engines[0], source) as old,
+            write_transaction(engines[1], target) as new,
+        ):
+            if old.dialect.name == "postgresql":  # one state for all tables
+                old.execute(text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
+            _require_empty(new, target)
+            counts = _copy_tables(old, new)
+        return counts
+    finally:
+        for engine in engines:
+            engine.dispose()
+
+
+def _require_empty(db: Connection, address: RegisterAddress) -> None:
+    for table in metadata.sorted_tables:
+        if db.scalar(select(func.count()).select_from(table)):
+            raise InputError(
+                f"register {address.display_url} is not empty; restore into a new one",
+                file=address.file,
+                key="--register",
+            )
+
+
+def _copy_tables(old: Connection, new: Connection) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for table in metadata.sorted_tables:
+        counts[table.name] = 0
+        result = old.execute(select(table).order_by(*table.primary_key.columns))
+        for rows in result.mappings().partitions(_ROWS):
+            for row in rows:
+                if table is calibration:
+                    parse(row["content"], f"calibration #{row['id']}")
+                elif table is certificate:
+                    _require_hashes(dict(row))
+            new.execute(insert(table), [dict(row) for row in rows])
+            counts[table.name] += len(rows)
+        if new.dialect.name == "postgresql" and "id" in table.c:
+            _advance_sequence(new, table.name)
+    return counts
+
+
+def _require_hashes(row: Mapping[str, Any]) -> None:
+    for name in ("pdf", "dcc"):
+        content = row[name]  # a text where SQLite was changed by hand
+        raw = content.encode() if isinstance(content, str) else bytes(content)
+        if hashlib.sha256(raw).hexdigest() != row[f"{name}_sha256"]:
+            raise InputError(
+                f"certificate {row['number']}: its {name.upper()} is damaged (its SHA-256 "
+                "differs); restore the register from another copy",
+                names=(row["number"],),
+            )
+
+
+def _advance_sequence(db: Connection, table: str) -> None:
+    """Let the next id follow the restored ones, which the server has not counted."""
+    db.execute(
+        text(
+            f"SELECT setval(pg_get_serial_sequence('{table}', 'id'), "
+            f"(SELECT COALESCE(MAX(id), 0) + 1 FROM {table}), false)"
+        )
+    )

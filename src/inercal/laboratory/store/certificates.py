@@ -1,0 +1,224 @@
+"""Certificates in the register: numbers without gaps, each issued once with its files.
+
+A number is `series` with "{year}" and "{sequence}", or "{sequence:4}" for 4 digits; the sequence
+begins with 1 in each year of a series. The number, the files that hold it, and the row are made in
+one transaction that has the register to itself: where the files cannot be made, the number is not
+used.
+"""
+
+import hashlib
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+from typing import NamedTuple
+
+from sqlalchemy import Connection, func, insert, select
+
+from inercal.basics.errors import InputError
+from inercal.laboratory.store.insertions import EntryAuthor
+from inercal.laboratory.store.register_tables import calibration, certificate, sensor
+
+DEFAULT_SERIES = "{year}-{sequence:4}"
+_SERIES = re.compile(r"(?:[A-Za-z0-9._-]|\{year\}|\{sequence(?::[1-9])?\})+")
+_SEQUENCE = re.compile(r"\{sequence(?::([1-9]))?\}")
+
+
+@dataclass(frozen=True)
+class CertificateFiles:
+    """The files of a certificate: PDF, and DCC as XML."""
+
+    pdf: bytes
+    dcc: bytes
+
+
+@dataclass(frozen=True)
+class CertificateEntry:
+    """A certificate.
+
+    Parameters
+    ----------
+    number : str
+    calibration : int
+        Number of the calibration in the register.
+    issued : str
+        ISO date.
+    change : "", "amended" or "substituted"
+        What it does to an earlier certificate.
+    previous : str
+        Number of the earlier certificate; empty where it changes none.
+    files : CertificateFiles
+    pdf_sha256, dcc_sha256 : str
+    by, at : str
+        Who issued it, and when, ISO 8601, UTC.
+    """
+
+    number: str
+    calibration: int
+    issued: str
+    change: str
+    previous: str
+    files: CertificateFiles
+    pdf_sha256: str
+    dcc_sha256: str
+    by: str
+    at: str
+
+
+class CertificateSummary(NamedTuple):
+    """A certificate without its files; fields as of `CertificateEntry`."""
+
+    number: str
+    issued: str
+    sensor: str
+    calibration: int
+    change: str
+    previous: str
+    by: str
+
+
+@dataclass(frozen=True)
+class CertificateRequest:
+    """What the register must know before it issues a certificate.
+
+    Parameters
+    ----------
+    series : str
+        Pattern of the number.
+    issued : date
+    change, previous : str
+        As of `CertificateEntry`.
+    make : callable
+        Takes the number, and the earlier certificate if any, and returns the files.
+    """
+
+    series: str
+    issued: date
+    change: str
+    previous: str
+    make: Callable[[str, CertificateEntry | None], CertificateFiles]
+
+
+def require_series(series: str) -> None:
+    """Refuse a pattern that gives no distinct numbers, or none that a file can be named after.
+
+    Raises
+    ------
+    InputError
+    """
+    if not _SERIES.fullmatch(series) or "{year}" not in series or not _SEQUENCE.search(series):
+        raise InputError(
+            f"certificate_number: {series!r} is no pattern of numbers; write letters, digits, "
+            'points and hyphens with {year} and {sequence}, such as "IL-{year}-{sequence:4}"',
+            key="certificate_number",
+        )
+
+
+def number_text(series: str, year: int, sequence: int) -> str:
+    """Return a number of a series.
+
+    Examples
+    --------
+    >>> number_text("IL-{year}-{sequence:4}", 2026, 7)
+    'IL-2026-0007'
+    """
+    digits = _SEQUENCE.sub(lambda found: str(sequence).zfill(int(found[1] or 1)), series)
+    return digits.replace("{year}", str(year))
+
+
+def issue_certificate(
+    db: Connection, calibration_id: int, wanted: CertificateRequest, who: EntryAuthor
+) -> CertificateEntry:
+    """Issue the next number of a series with its files; return the entry.
+
+    Raises
+    ------
+    InputError
+        The earlier certificate is not in the register, or the number belongs to another series.
+    """
+    require_series(wanted.series)
+    previous = find_certificate(db, wanted.previous) if wanted.previous else None
+    year = wanted.issued.year
+    of_year = (certificate.c.series == wanted.series, certificate.c.year == year)
+    last = db.scalar(select(func.max(certificate.c.sequence)).where(*of_year))
+    sequence = (last or 0) + 1
+    number = number_text(wanted.series, year, sequence)
+    if db.scalar(select(certificate.c.id).where(certificate.c.number == number)) is not None:
+        raise InputError(
+            f"certificate {number} was issued by another pattern of numbers; give "
+            "certificate_number a prefix of its own",
+            key="certificate_number",
+            names=(number,),
+        )
+    files = wanted.make(number, previous)
+    values = {
+        "number": number,
+        "series": wanted.series,
+        "year": year,
+        "sequence": sequence,
+        "calibration_id": calibration_id,
+        "issued": wanted.issued.isoformat(),
+        "change": wanted.change,
+        "previous": wanted.previous,
+        "pdf_sha256": hashlib.sha256(files.pdf).hexdigest(),
+        "dcc_sha256": hashlib.sha256(files.dcc).hexdigest(),
+        "pdf": files.pdf,
+        "dcc": files.dcc,
+    }
+    db.execute(insert(certificate).values(**values, **who.columns))
+    return find_certificate(db, number)
+
+
+def find_certificate(db: Connection, number: str) -> CertificateEntry:
+    """Return a certificate by its number.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    found = db.execute(select(certificate).where(certificate.c.number == number)).one_or_none()
+    if found is None:
+        numbers = db.scalars(select(certificate.c.number).order_by(certificate.c.id)).all()
+        last = f"; the last one is {numbers[-1]}" if numbers else ""
+        raise InputError(
+            f"no certificate {number!r} in the register{last}; check the number", names=(number,)
+        )
+    return CertificateEntry(
+        found.number,
+        found.calibration_id,
+        found.issued,
+        found.change,
+        found.previous,
+        CertificateFiles(bytes(found.pdf), bytes(found.dcc)),
+        found.pdf_sha256,
+        found.dcc_sha256,
+        found.entered_by,
+        found.entered_at,
+    )
+
+
+def list_certificates(db: Connection) -> tuple[CertificateSummary, ...]:
+    """Return all certificates without their files, as they were issued."""
+    query = (
+        select(
+            certificate.c.number,
+            certificate.c.issued,
+            sensor.c.name.label("sensor"),
+            certificate.c.calibration_id.label("calibration"),
+            certificate.c.change,
+            certificate.c.previous,
+            certificate.c.entered_by.label("by"),
+        )
+        .join(calibration, calibration.c.id == certificate.c.calibration_id)
+        .join(sensor, sensor.c.id == calibration.c.sensor_id)
+        .order_by(certificate.c.id)
+    )
+    return tuple(CertificateSummary(*row) for row in db.execute(query))
+
+
+def successors(db: Connection, number: str) -> tuple[tuple[str, str], ...]:
+    """Return number and change of each certificate that changes this one."""
+    query = select(certificate.c.number, certificate.c.change).order_by(certificate.c.id)
+    rows = db.execute(query.where(certificate.c.previous == number))
+    return tuple((row.number, row.change) for row in rows)

@@ -1,0 +1,191 @@
+"""Connections to a register, their errors in one line, and the upgrade of its tables.
+
+A transaction that writes locks the whole register, on SQLite and on PostgreSQL alike: nothing that
+it has read changes before it writes. Others wait for it, at most `_LOCK_TIMEOUT`.
+"""
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from alembic import command
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, Engine, NullPool, create_engine, event, inspect, text
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+
+from inercal.basics.errors import InputError
+from inercal.laboratory.store.address import RegisterAddress
+
+VERSION_TABLE = "inercal_version"
+_BEFORE_RELEASE = ("0001", "0002", "0003", "0004")  # revisions of the tables
+_LOCK_TIMEOUT = 30  # s
+# A server that disappears silently is detected within half a minute, not after hours.
+_KEEPALIVE_OPTIONS = {
+    "connect_timeout": 10,  # s
+    "keepalives_idle": 10,  # s
+    "keepalives_interval": 5,  # s
+    "keepalives_count": 3,
+    "tcp_user_timeout": 30_000,  # ms
+}
+_LOCK_KEY = 0x696E6572  # "iner": the advisory lock of PostgreSQL for writing
+_SQLITE_MESSAGES = {  # by the message of SQLite
+    "unable to open database file": "cannot be opened; its folder must exist and be writable",
+    "file is not a database": "is not an SQLite database; give another file",
+    "database disk image is malformed": "is damaged; restore it from a copy",
+    "attempt to write a readonly database": "is read-only; make the file writable",
+    "database is locked": f"another program has locked it for {_LOCK_TIMEOUT} s; end that program",
+}
+
+
+def make_engine(address: RegisterAddress) -> Engine:
+    """Return the engine; it keeps no connection open between two transactions."""
+    if address.file is None:
+        query = address.url.query
+        options = {name: value for name, value in _KEEPALIVE_OPTIONS.items() if name not in query}
+        engine = create_engine(address.url, poolclass=NullPool, connect_args=options)
+    else:
+        engine = create_engine(
+            address.url, poolclass=NullPool, connect_args={"timeout": _LOCK_TIMEOUT}
+        )
+        event.listen(engine, "connect", _configure_sqlite)
+        event.listen(engine, "begin", _begin_transaction)
+    return engine
+
+
+@contextmanager
+def read_transaction(engine: Engine, address: RegisterAddress) -> Generator[Connection]:
+    """Yield a connection in a transaction that only reads."""
+    with translate_errors(address), engine.connect() as connection:
+        yield connection
+
+
+@contextmanager
+def write_transaction(engine: Engine, address: RegisterAddress) -> Generator[Connection]:
+    """Yield a connection in a transaction that locks the register, written completely or not."""
+    with translate_errors(address), engine.execution_options(writes=True).begin() as connection:
+        if connection.dialect.name == "postgresql":
+            connection.execute(text(f"SET LOCAL lock_timeout = '{_LOCK_TIMEOUT}s'"))
+            connection.execute(text(f"SELECT pg_advisory_xact_lock({_LOCK_KEY})"))
+        yield connection
+
+
+@contextmanager
+def translate_errors(address: RegisterAddress) -> Generator[None]:
+    """Raise errors of the database as one line with the register's address, without a password.
+
+    Raises
+    ------
+    InputError
+        Any error of the database.
+    """
+    try:
+        yield
+    except SQLAlchemyError as error:
+        raise InputError(
+            f"register {address.display_url}: {_error_text(error)}",
+            file=address.file,
+            key="--register",
+        ) from None
+    except UnicodeEncodeError:
+        raise InputError(
+            f"register {address.display_url}: a text to be stored is not Unicode; correct the "
+            "name or the file that contains it",
+            key="--register",
+        ) from None
+
+
+def _error_text(error: SQLAlchemyError) -> str:
+    # str(error) would contain the statement and its parameters.
+    message = str(error.orig) if isinstance(error, DBAPIError) else str(error)
+    return next(
+        (text for begin, text in _SQLITE_MESSAGES.items() if message.startswith(begin)), message
+    )
+
+
+def _configure_sqlite(connection: Any, _: object) -> None:
+    # Transactions begin in `_begin_transaction`, not where the driver chooses.
+    connection.isolation_level = None
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA foreign_keys = ON")
+    cursor.execute("PRAGMA synchronous = FULL")
+    cursor.close()
+
+
+def _begin_transaction(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("writes", False)
+    # A transaction that reads first could be refused the lock when it writes.
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool = True) -> None:
+    """Create the tables of a new register, or migrate an older one, in one transaction.
+
+    Raises
+    ------
+    InputError
+        The tables are of a newer version, from before 0.1.0, or of another program; with `create`
+        false also where the database is empty.
+    """
+    config = _config()
+    script = ScriptDirectory.from_config(config)
+    head = script.get_current_head()
+    with read_transaction(engine, address) as connection:
+        revision = _revision(connection, address)
+    if revision == head:
+        return
+    if revision is None and not create:
+        raise InputError(
+            f"register {address.display_url} is an empty database; enter a calibration first, by "
+            "`inercal store import PATH…`",
+            file=address.file,
+            key="--register",
+        )
+    with write_transaction(engine, address) as connection:
+        # Another process may have upgraded it meanwhile.
+        revision = _revision(connection, address)
+        if revision == head:
+            return
+        known = {each.revision for each in script.walk_revisions()}
+        if revision is not None and revision in _BEFORE_RELEASE:
+            raise InputError(
+                f"register {address.display_url} was written before the first release of inercal, "
+                "and this version does not read it: import the calibration files into a new "
+                "register",
+                file=address.file,
+                key="--register",
+            )
+        if revision is not None and revision not in known:
+            raise InputError(
+                f"register {address.display_url}: its tables have revision {revision} of a newer "
+                f"inercal; this version knows revisions up to {head}: install the newer version",
+                file=address.file,
+                key="--register",
+            )
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+
+
+def _config() -> Config:
+    config = Config()
+    folder = str(Path(__file__).parent / "migrations")
+    config.set_main_option("script_location", folder.replace("%", "%%"))
+    config.set_main_option("path_separator", "os")
+    config.attributes["version_table"] = VERSION_TABLE
+    return config
+
+
+def _revision(connection: Connection, address: RegisterAddress) -> str | None:
+    """Return the revision of the tables; None of a database that is empty."""
+    names = inspect(connection).get_table_names()
+    if names and VERSION_TABLE not in names:
+        raise InputError(
+            f"register {address.display_url}: the database belongs to another program: it has a "
+            f"table {names[0]!r}; give a database of its own",
+            file=address.file,
+            key="--register",
+        )
+    context = MigrationContext.configure(connection, opts={"version_table": VERSION_TABLE})
+    return context.get_current_revision()

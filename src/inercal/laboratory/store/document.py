@@ -1,0 +1,134 @@
+"""A verified calibration, ready to be entered, with the columns that the register adds."""
+
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.calibration import Calibration
+from inercal.calibration.comparison import recording_sha256
+from inercal.calibration.files import as_object, canonical_text, parse, read_text
+from inercal.physics.sensors import SI_UNITS
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationDocument:
+    """A calibration and its text.
+
+    Parameters
+    ----------
+    source : str
+        What names it where something is amiss.
+    text : str
+        The whole calibration file, JSON.
+    sha256 : str
+        That it states.
+    calibration : Calibration
+    created : str
+        ISO 8601, UTC; empty where it says nothing of it.
+    recording : str
+        SHA-256 of the recording; empty where it names none.
+    """
+
+    source: str
+    text: str
+    sha256: str
+    calibration: Calibration
+    created: str
+    recording: str
+
+    @property
+    def units(self) -> list[str]:
+        """SI units of the coefficients."""
+        sensor = self.calibration.sensor
+        return [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
+
+
+def make_document(source: Calibration | str | Path) -> CalibrationDocument:
+    """Return a calibration, or the calibration of a file, in the form of an entry.
+
+    Raises
+    ------
+    InputError
+        A missing or damaged file, or content that a register cannot store.
+    """
+    if isinstance(source, Calibration):
+        name = f"calibration of {source.sensor.name}"
+        text = json.dumps(as_object(source), ensure_ascii=False)
+    else:
+        name, text = str(source), read_text(source)
+    file = None if isinstance(source, Calibration) else source
+    calibration = parse(text, name)
+    content: dict[str, Any] = json.loads(text)
+    wrong = _content_defect(calibration, content)
+    if wrong:
+        raise InputError(f"{name}: broken calibration file: {wrong}; restore it", file=file)
+    created = calibration.provenance.get("created", "")
+    try:
+        created = created and to_utc(created)
+    except ValueError:
+        raise InputError(
+            f"{name}: created, {created!r}, is not a time in ISO 8601; calibrate again or restore "
+            "the file",
+            file=file,
+            key="created",
+        ) from None
+    return CalibrationDocument(
+        name,
+        canonical_text(content),
+        content["sha256"],
+        calibration,
+        created,
+        recording_sha256(calibration),
+    )
+
+
+def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
+    """Return what is not as the file's description has it, though its hash fits; else nothing."""
+    for name in ("conditions", "provenance"):
+        given: Any = content[name]
+        if not isinstance(given, dict) or not all(
+            isinstance(text, str) for text in cast(dict[Any, Any], given).values()
+        ):
+            return f"{name}: texts by name are expected"
+    for text in (content["method"], content["estimator"], content["sensor"]["name"]):
+        if not isinstance(text, str):
+            return f"{text!r} is not a text"
+    if not calibration.sensor.name.strip():
+        return "its sensor has no name"
+    variances = np.diag(calibration.covariance)
+    if not (np.isfinite(variances).all() and (variances >= 0).all()):
+        return "a variance is negative"
+    return ""
+
+
+def to_utc(text: str) -> str:
+    """Return a time in ISO 8601 as the register keeps it: UTC, to the millisecond.
+
+    One without a zone is taken as UTC; a date alone, as its first moment.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+
+    Examples
+    --------
+    >>> to_utc("2026-03-01"), to_utc("2026-03-01T10:00:00+02:00")
+    ('2026-03-01T00:00:00.000+00:00', '2026-03-01T08:00:00.000+00:00')
+    """
+    time = datetime.fromisoformat(text)
+    try:
+        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    except OverflowError:  # the first or the last day of all years, in a zone beyond it
+        raise ValueError(f"{text} is out of range") from None
+    return time.isoformat(timespec="milliseconds")
+
+
+def utc_now() -> str:
+    """Return the time as the register keeps it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

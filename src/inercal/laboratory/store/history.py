@@ -1,0 +1,390 @@
+"""The calibrations of a sensor over time, coefficient by coefficient."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from functools import cached_property
+from itertools import pairwise
+from math import isfinite
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.calibration import Calibration
+from inercal.calibration.comparison import (
+    ROUNDING,
+    build_comparison,
+    changes,
+    fixed_coefficients,
+    match_frame_and_form,
+    recording_sha256,
+)
+from inercal.calibration.comparison.courses import (
+    NEWEST,
+    CourseComparison,
+    CourseFit,
+    compare_courses,
+)
+from inercal.laboratory.store.entries import CalibrationEntry, SensorEntry
+from inercal.physics.sensors.coefficient_selection import select_coefficients
+
+_LEAST_OWN = 1e-4  # of u, where calibrations share all of it
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientTrend:
+    """One coefficient over time, SI.
+
+    Parameters
+    ----------
+    name : str
+        Full, "ax.k0".
+    meaning : str
+    unit : str
+        As printed.
+    si : float
+        SI size of the unit.
+    points : tuple of int
+        Which of the history's calibrations have it.
+    time : (n,) array
+        Years since the first of the history's calibrations.
+    values, std : (n,) arrays
+        With standard uncertainties (k = 1).
+    step_std : (n - 1,) array
+        Standard uncertainties of the differences between successive values.
+    shared : (m, m) array
+        Covariance of the newest m values by errors that they share, m = `courses.NEWEST` at most.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    si: float
+    points: tuple[int, ...]
+    time: Array
+    values: Array
+    std: Array
+    step_std: Array
+    shared: Array
+
+    @cached_property
+    def normalised_errors(self) -> Array:
+        """E_n of each calibration against the previous, (n,); NaN for the first."""
+        steps = changes.normalised_errors(np.diff(self.values), self.step_std)
+        return np.concatenate([[np.nan], steps])
+
+    @property
+    def independent_variance(self) -> Array:
+        """Variances of the newest m values without what they share, (m,)."""
+        variance = self.std[-len(self.shared) :] ** 2
+        return np.maximum(variance - np.diag(self.shared), _LEAST_OWN**2 * variance)
+
+    @cached_property
+    def courses(self) -> CourseComparison | None:
+        """Level, line and random walk of the newest values; None of fewer than three."""
+        m = len(self.shared)
+        return compare_courses(
+            self.time[-m:], self.values[-m:], self.independent_variance, self.shared
+        )
+
+    @property
+    def line(self) -> CourseFit | None:
+        """The straight line through at least three calibrations, else None."""
+        return None if self.courses is None else self.courses.line
+
+    @property
+    def course(self) -> CourseFit | None:
+        """The line of a coefficient that drifts, else the level; None of fewer than three."""
+        if self.courses is None:
+            return None
+        return self.courses.line if self.courses.drifts else self.courses.level
+
+    @cached_property
+    def constancy(self) -> changes.ConstancyTest:
+        """χ² of the newest values about their weighted mean."""
+        newest = self.values[-len(self.shared) :]
+        return changes.constancy_test(newest, np.sqrt(self.independent_variance), self.shared)
+
+    @property
+    def verdict(self) -> changes.TrendVerdict:
+        """Whether the coefficient is steady, drifts or changed."""
+        drifts = self.courses is not None and self.courses.drifts
+        return changes.trend_verdict(drifts=drifts, constant=self.constancy)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorHistory:
+    """The calibrations of a sensor in the terms of the newest, oldest first.
+
+    Where the newest is in the mount frame and others are not, in the frame of these.
+
+    Parameters
+    ----------
+    sensor : SensorEntry
+    entries : tuple of CalibrationEntry
+        The calibrations that can be compared.
+    trends : tuple of CoefficientTrend
+        Of the coefficients of the newest, in its order.
+    calibrations : tuple of Calibration
+        Those of the entries, in the terms of the newest.
+    exclusions : tuple of str
+        In words: calibrations of a recording that has a later one, or that cannot be compared;
+        coefficients that are not in the newest or that were not measured.
+    """
+
+    sensor: SensorEntry
+    entries: tuple[CalibrationEntry, ...]
+    trends: tuple[CoefficientTrend, ...]
+    calibrations: tuple[Calibration, ...]
+    exclusions: tuple[str, ...]
+
+    @cached_property
+    def joint_test(self) -> tuple[changes.JointTest | None, ...]:
+        """The test of all coefficients together, of each calibration against the one before.
+
+        None of the first, and of one that has no coefficient in common with the one before.
+        """
+        return None, *(build_comparison(a, b).joint_test for a, b in pairwise(self.calibrations))
+
+    @property
+    def newest_joint_test(self) -> changes.JointTest | None:
+        """The last of `joint_test`, without the others."""
+        last = self.calibrations[-2:]
+        return build_comparison(*last).joint_test if len(last) > 1 else None
+
+    @cached_property
+    def operating_hours(self) -> tuple[float | None, ...]:
+        """Operating hours of the sensor at each calibration, where [job] states them."""
+        return tuple(_operating_hours(one) for one in self.calibrations)
+
+    def trend(self, name: str) -> CoefficientTrend:
+        """Return one coefficient over time by its full name.
+
+        Raises
+        ------
+        InputError
+            No coefficient has that name.
+        """
+        trends = {trend.name: trend for trend in self.trends}
+        if name not in trends:
+            raise InputError(
+                f"no coefficient {name!r} in this history; it has {', '.join(trends)}",
+                names=(name,),
+            )
+        return trends[name]
+
+    def select(self, words: Sequence[str]) -> "SensorHistory":
+        """Return the history of coefficients chosen by name, group or axis; without words, all.
+
+        The joint tests remain those of all coefficients together.
+
+        Raises
+        ------
+        InputError
+            The words select no coefficient of this history.
+        """
+        if not words:
+            return self
+        axes = self.entries[-1].calibration.sensor.axes
+        names = select_coefficients(axes, words)
+        trends = tuple(trend for trend in self.trends if trend.name in names)
+        if not trends:
+            available = ", ".join(trend.name for trend in self.trends)
+            raise InputError(
+                f"{', '.join(words)}: not in this history; it has {available}", names=tuple(words)
+            )
+        return replace(self, trends=trends)
+
+    def date(self, years: float) -> str:
+        """Return the time this many years after the first calibration, ISO 8601."""
+        first = datetime.fromisoformat(self.entries[0].measured)
+        return (first + timedelta(seconds=years * changes.YEAR)).isoformat(timespec="seconds")
+
+    @property
+    def expected_exceedances(self) -> float:
+        """How many E_n would exceed 1 by chance where nothing changes."""
+        return changes.CHANCE_FRACTION * self.comparison_count
+
+    @property
+    def comparison_count(self) -> int:
+        """How many E_n there are."""
+        return sum(one.values.size - 1 for one in self.trends)
+
+    @property
+    def exceedances(self) -> int:
+        """How many |E_n| exceed 1."""
+        return sum(int(np.sum(np.abs(one.normalised_errors[1:]) > 1)) for one in self.trends)
+
+    @property
+    def verdicts(self) -> dict[changes.TrendVerdict, tuple[str, ...]]:
+        """The coefficients by verdict."""
+        found: dict[changes.TrendVerdict, tuple[str, ...]] = {}
+        for one in self.trends:
+            found[one.verdict] = (*found.get(one.verdict, ()), one.name)
+        return found
+
+
+def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> SensorHistory:
+    """Return the history of calibrations, oldest first.
+
+    Raises
+    ------
+    InputError
+        No calibration.
+    """
+    if not entries:
+        raise InputError(
+            f"sensor {sensor.name!r} has no calibration in the register; enter one by "
+            "inercal store import",
+            names=(sensor.name,),
+        )
+    entries, left_out = latest_per_recording(entries)
+    newest = _common_terms(entries)
+    if newest is not entries[-1].calibration:
+        left_out.append(
+            f"the mount frame: all are compared in the {newest.frame} frame, which all can have"
+        )
+    kept: list[tuple[CalibrationEntry, Calibration]] = []
+    for entry in entries:
+        try:
+            kept.append((entry, match_frame_and_form(entry.calibration, newest)))
+        except InputError as error:
+            left_out.append(f"calibration #{entry.id} cannot be compared with the newest: {error}")
+    fixed: set[str] = {name for _, one in kept for name in fixed_coefficients(one)}
+    names = [name for name in newest.sensor.coefficients if name not in fixed]
+    others = {name for _, one in kept for name in one.sensor.coefficients} - fixed
+    left_out += _exclusion_lines(
+        (fixed & set(newest.sensor.coefficients), "not measured: {}"),
+        (others - set(names), "{} not among the coefficients of the newest calibration"),
+    )
+    times = [datetime.fromisoformat(entry.measured).timestamp() for entry, _ in kept]
+    years = (np.array(times) - times[0]) / changes.YEAR
+    found = [one for _, one in kept]
+    parts = [_shared_parts(one) for one in found]
+    return SensorHistory(
+        sensor,
+        tuple(entry for entry, _ in kept),
+        tuple(_coefficient_trend(name, newest, found, parts, years) for name in names),
+        tuple(found),
+        tuple(left_out),
+    )
+
+
+def _common_terms(entries: Sequence[CalibrationEntry]) -> Calibration:
+    """Return the newest calibration in the frame that all can have, else as it is.
+
+    No other frame can be converted to "mount", as which a hand-held one has none.
+    """
+    newest = entries[-1].calibration
+    frames = [one.calibration.frame for one in entries if one.calibration.frame != "mount"]
+    if newest.frame != "mount" or not frames:
+        return newest
+    try:
+        turned = match_frame_and_form(newest, replace(newest, frame=frames[-1]))
+    except InputError:
+        return newest
+    return turned if any(_can_have(one, turned) for one in entries[:-1]) else newest
+
+
+def _can_have(entry: CalibrationEntry, terms: Calibration) -> bool:
+    """Return whether a calibration of another frame than "mount" can be in these terms."""
+    if entry.calibration.frame == "mount":
+        return False
+    try:
+        match_frame_and_form(entry.calibration, terms)
+    except InputError:
+        return False
+    return True
+
+
+def _operating_hours(calibration: Calibration) -> float | None:
+    try:
+        hours = float(calibration.job.get("operating hours", ""))
+    except ValueError:
+        return None
+    return hours if isfinite(hours) else None
+
+
+def latest_per_recording(
+    entries: Sequence[CalibrationEntry],
+) -> tuple[list[CalibrationEntry], list[str]]:
+    """Return the last entered calibration of each recording, and in words those left out.
+
+    Two calibrations of one recording have the same errors: they are no independent repeats.
+    """
+    last: dict[str, int] = {}
+    for entry in entries:
+        recording = recording_sha256(entry.calibration) or f"#{entry.id}"
+        last[recording] = max(entry.id, last.get(recording, 0))
+    kept: list[CalibrationEntry] = []
+    left_out: list[str] = []
+    for entry in entries:
+        number = last[recording_sha256(entry.calibration) or f"#{entry.id}"]
+        if number == entry.id:
+            kept.append(entry)
+        else:
+            left_out.append(f"calibration #{entry.id} is of the same recording as #{number}")
+    return kept, left_out
+
+
+_SharedParts = Mapping[tuple[str, str], Sequence[float]]
+
+
+def _shared_parts(calibration: Calibration) -> _SharedParts:
+    """Return u of each coefficient, signed, SI, by each error that other calibrations may have.
+
+    By the error's name and determination.
+    """
+    return {
+        (one.name, one.determination): (one.covariance / one.std).tolist()
+        for one in calibration.shared or ()
+    }
+
+
+def _coefficient_trend(
+    name: str,
+    newest: Calibration,
+    found: Sequence[Calibration],
+    parts: Sequence[_SharedParts],
+    years: Array,
+) -> CoefficientTrend:
+    points = [k for k, one in enumerate(found) if name in one.sensor.coefficients]
+    places = [found[k].sensor.coefficients.index(name) for k in points]
+    line = newest.sensor.coefficient(name)
+    variance = np.array([found[k].covariance[i, i] for k, i in zip(points, places, strict=True)])
+    shared = np.array(
+        [
+            sum(u[i] * parts[b][error][j] for error, u in parts[a].items() if error in parts[b])
+            for (a, i), (b, j) in pairwise(zip(points, places, strict=True))
+        ]
+    )
+    own = variance[:-1] + variance[1:]
+    return CoefficientTrend(
+        name,
+        line.meaning,
+        line.unit,
+        line.si,
+        tuple(points),
+        years[points],
+        np.array([found[k].values[i] for k, i in zip(points, places, strict=True)]),
+        np.sqrt(variance),
+        np.sqrt(np.maximum(own - 2 * shared, ROUNDING**2 * own)),
+        _shared_of_newest([parts[k] for k in points[-NEWEST:]], places[-NEWEST:]),
+    )
+
+
+def _shared_of_newest(parts: Sequence[_SharedParts], places: Sequence[int]) -> Array:
+    """Return the covariance of one coefficient by errors that calibrations share, (m, m)."""
+    columns: dict[tuple[str, str], Array] = {}
+    for k, (own, i) in enumerate(zip(parts, places, strict=True)):
+        for error, u in own.items():
+            columns.setdefault(error, np.zeros(len(parts)))[k] = u[i]
+    total = np.zeros((len(parts), len(parts)))
+    for column in columns.values():
+        total += np.outer(column, column)
+    return total
+
+
+def _exclusion_lines(*parts: tuple[Collection[str], str]) -> list[str]:
+    return [words.format(", ".join(sorted(names))) for names, words in parts if names]

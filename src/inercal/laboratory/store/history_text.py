@@ -1,0 +1,102 @@
+"""Histories in words and rounded figures."""
+
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.calibration.comparison.comparison_text import (
+    INDEPENDENCE_NOTE,
+    SHARED_NOTE,
+    exceedance_text,
+    joint_test_text,
+    repeatability_lines,
+    run_to_run_lines,
+)
+from inercal.calibration.comparison.courses import LEAST_FOR_DRIFT, Course
+from inercal.calibration.suspect_text import p_value_text
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
+from inercal.laboratory.store.run_scatter import newest_run_to_run
+
+_COURSES: dict[Course, str] = {"line": "a straight line", "walk": "a random walk"}
+
+
+def format_point(trend: CoefficientTrend, k: int) -> tuple[str, str]:
+    """Return value and U of one of a trend's points, in its unit."""
+    value, std = float(trend.values[k]), float(trend.std[k])
+    return format_value_and_uncertainty(value / trend.si, COVERAGE * std / trend.si)
+
+
+def format_slope(trend: CoefficientTrend) -> tuple[str, str]:
+    """Return the drift a year and its U, in the trend's unit; nothing where there is no line."""
+    if trend.line is None:
+        return "", ""
+    slope = trend.line.slope
+    return format_value_and_uncertainty(slope.slope / trend.si, slope.expanded / trend.si)
+
+
+def format_bands(trend: CoefficientTrend) -> tuple[str, str]:
+    """Return U of the mean and of the next use at the newest calibration; nothing of few."""
+    if trend.course is None:
+        return "", ""
+    at = trend.time[-1:]
+    mean, next_use = (
+        format_value_and_uncertainty(
+            0.0, float(trend.course.expanded(at, next_use=one)[0]) / trend.si
+        )[1]
+        for one in (False, True)
+    )
+    return mean, next_use
+
+
+def drift_text(trend: CoefficientTrend) -> str:
+    """Return the drift of a coefficient, and the test of its constancy."""
+    text = "a drift needs three calibrations or more"
+    if (line := trend.line) is not None:
+        text = f"drift {' ± '.join(format_slope(trend))} {trend.unit} a year"
+        if line.tau > 0:
+            size = format_value_and_uncertainty(0.0, line.tau / trend.si)[1]
+            text += f", with a scatter of {size} {trend.unit} about the line"
+        if line.count < LEAST_FOR_DRIFT:
+            text += f"; no verdict on it from fewer than {LEAST_FOR_DRIFT} calibrations"
+    test = trend.constancy
+    if test.dof:
+        text += f"; as a constant χ² = {test.chi2:.1f} with {test.dof} degrees of freedom, "
+        text += f"p {p_value_text(test.p_value)}"
+    if trend.courses is not None and trend.courses.best != "level":
+        text += f"; {_COURSES[trend.courses.best]} is likelier than a level"
+    return text
+
+
+def history_lines(history: SensorHistory) -> list[str]:
+    """Return the results of a history, line by line."""
+    lines = _date_lines(history)
+    if history.comparison_count:
+        lines.append(
+            exceedance_text(
+                history.exceedances, history.comparison_count, history.expected_exceedances
+            )
+        )
+    if (test := history.newest_joint_test) is not None:
+        lines.append(
+            f"the newest calibration against the previous, all {test.size} coefficients "
+            f"together: {joint_test_text(test)}"
+        )
+    if (ordinary := newest_run_to_run(history)) is not None:
+        lines += run_to_run_lines(ordinary)
+    elif history.comparison_count:
+        lines += repeatability_lines(history.exceedances, history.newest_joint_test)
+    if any(one.line is not None for one in history.trends):
+        lines.append("without any change, about one coefficient in 20 is not called steady")
+    if history.comparison_count:
+        stated = all(one.shared is not None for one in history.calibrations)
+        lines.append(SHARED_NOTE if stated else INDEPENDENCE_NOTE)
+    return [*lines, *(f"left out: {one}" for one in history.exclusions)]
+
+
+def _date_lines(history: SensorHistory) -> list[str]:
+    """Return which dates are only those of files, where several calibrations are compared."""
+    made = [f"#{one.id}" for one in history.entries if one.measured_from == "created"]
+    if len(history.entries) < 2 or not made:
+        return []
+    return [
+        f"{', '.join(made)}: dated by the making of the file, and so is every drift; state when it "
+        "was measured: inercal store import FILE --measured DATE"
+    ]

@@ -1,0 +1,247 @@
+"""How things are entered: what is there already stays as it is.
+
+Each function takes a connection within a transaction that has the register to itself.
+"""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Connection, Table, insert, select, update
+
+from inercal.basics.errors import InputError
+from inercal.laboratory.store.document import CalibrationDocument, to_utc
+from inercal.laboratory.store.entries import RunFacts
+from inercal.laboratory.store.register_tables import (
+    bench,
+    calibration,
+    coefficient,
+    file,
+    run,
+    sensor,
+)
+from inercal.physics.sensors import Sensor
+
+_DONE_STATE = "done"
+_QUANTITIES = {"f": "specific force", "w": "angular rate"}
+
+
+@dataclass(frozen=True)
+class EntryAuthor:
+    """Who enters something, and when, ISO 8601, UTC."""
+
+    by: str
+    at: str
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """As the tables have it."""
+        return {"entered_by": self.by, "entered_at": self.at}
+
+
+def enter_sensor(db: Connection, entered: Sensor, who: EntryAuthor) -> int:
+    """Enter a sensor, or new axes of a sensor in the register; return its id.
+
+    Raises
+    ------
+    InputError
+        An axis measures another quantity than the axis of that name in the register.
+    """
+    axes = {axis.name: str(axis.measures) for axis in entered.axes}
+    return enter_axes(db, entered.name, axes, who)
+
+
+def enter_axes(db: Connection, sensor_name: str, axes: dict[str, str], who: EntryAuthor) -> int:
+    """Enter a sensor by its name and what each axis measures, "f" or "w"; return its id.
+
+    Raises
+    ------
+    InputError
+        As `enter_sensor`.
+    """
+    found = db.execute(select(sensor).where(sensor.c.name == sensor_name)).one_or_none()
+    if found is None:
+        values = {"name": sensor_name, "axes": _axes_json(axes)}
+        return _insert_row(db, sensor, values, who)
+    known = {axis["name"]: axis["measures"] for axis in json.loads(found.axes)}
+    for name, measures in axes.items():
+        if known.get(name, measures) != measures:
+            raise InputError(
+                f"sensor {sensor_name}: axis {name} measures {_QUANTITIES[measures]}, but in the "
+                f"register it measures {_QUANTITIES[known[name]]}: give this sensor another name",
+                names=(name,),
+            )
+    if axes.keys() - known.keys():
+        values = {"axes": _axes_json(known | axes)}
+        db.execute(update(sensor).where(sensor.c.id == found.id).values(values))
+    return found.id
+
+
+def _axes_json(axes: dict[str, str]) -> str:
+    listed = [{"name": name, "measures": measures} for name, measures in axes.items()]
+    return json.dumps(listed, ensure_ascii=False)
+
+
+def enter_bench(db: Connection, kind: str, name: str, who: EntryAuthor) -> int:
+    """Enter a bench by its kind, and its name where it has one; return its id."""
+    found = db.scalar(select(bench.c.id).where(bench.c.kind == kind, bench.c.name == name))
+    return found or _insert_row(db, bench, {"kind": kind, "name": name}, who)
+
+
+def enter_run(db: Connection, facts: RunFacts, who: EntryAuthor) -> int:
+    """Enter a run, or how far one is that is there; return its id.
+
+    Calibrations of its recording that are there belong to it from now on. Its folder lies where it
+    was entered from last: it may have been moved. One that is done stays done, whatever an older
+    copy of its folder says.
+    """
+    sensor_id = enter_sensor(db, facts.sensor, who)
+    bench_id = enter_bench(db, facts.kind, facts.bench, who)
+    found = db.execute(select(run).where(run.c.key == facts.key)).one_or_none()
+    if found is None:
+        values = {
+            "key": facts.key,
+            "sensor_id": sensor_id,
+            "bench_id": bench_id,
+            "begun": to_utc(facts.begun),
+            "state": facts.state,
+            "table_address": facts.table,
+            "imu_address": facts.imu,
+            "folder": facts.folder,
+        }
+        run_id = _insert_row(db, run, values, who)
+    elif found.state == _DONE_STATE != facts.state:
+        return found.id
+    else:
+        run_id = found.id
+        values = {"state": facts.state, "folder": facts.folder}
+        db.execute(update(run).where(run.c.id == run_id).values(values))
+    _enter_files(db, run_id, facts, who)
+    digests = [sha256 for _, sha256 in facts.files.values()]
+    theirs = (
+        calibration.c.run_id.is_(None),
+        calibration.c.sensor_id == sensor_id,
+        calibration.c.recording_sha256.in_(digests),
+    )
+    of_run = {"measured": to_utc(facts.begun), "measured_from": "run"}
+    dated = calibration.c.measured_from == "created"
+    db.execute(update(calibration).where(*theirs, dated).values(of_run))
+    db.execute(update(calibration).where(*theirs).values(run_id=run_id, bench_id=bench_id))
+    return run_id
+
+
+def _enter_files(db: Connection, run_id: int, facts: RunFacts, who: EntryAuthor) -> None:
+    there = {
+        row.name: (row.size, row.sha256)
+        for row in db.execute(select(file).where(file.c.run_id == run_id))
+    }
+    new: list[dict[str, Any]] = []
+    for name, (size, sha256) in facts.files.items():
+        values = {"size": size, "sha256": sha256, **who.columns}
+        if name not in there:
+            new.append({"run_id": run_id, "name": name, **values})
+        elif there[name] != (size, sha256):
+            one = (file.c.run_id == run_id, file.c.name == name)
+            db.execute(update(file).where(*one).values(values))
+    if new:
+        db.execute(insert(file), new)
+
+
+def enter_calibration(
+    db: Connection, entered: CalibrationDocument, kind: str, measured: str | None, who: EntryAuthor
+) -> int:
+    """Enter a calibration with its coefficients; return its id.
+
+    Parameters
+    ----------
+    db : Connection
+    entered : CalibrationDocument
+    kind : str
+        Of the bench that its method takes; empty where that is not known.
+    measured : str or None
+        When, in ISO 8601, if the user says so.
+    who : EntryAuthor
+
+    Raises
+    ------
+    InputError
+        Nothing says when it was measured.
+    """
+    there = db.scalar(select(calibration.c.id).where(calibration.c.sha256 == entered.sha256))
+    if there is not None:
+        return there
+    found = entered.calibration
+    sensor_id = enter_sensor(db, found.sensor, who)
+    its_run = None
+    if entered.recording:
+        of_recording = (file.c.sha256 == entered.recording, run.c.sensor_id == sensor_id)
+        query = select(run).join(file, file.c.run_id == run.c.id).where(*of_recording)
+        its_run = db.execute(query.order_by(run.c.id)).first()
+    if its_run is not None:
+        bench_id, run_id = its_run.bench_id, its_run.id
+        time, source = its_run.begun, "run"
+    else:
+        name = found.conditions.get("bench", "")
+        bench_id = enter_bench(db, kind, name, who) if kind or name else None
+        run_id, time, source = None, entered.created, "created"
+    if measured is not None:
+        time, source = to_utc(measured), "stated"
+    if not time:
+        raise InputError(
+            f"{entered.source}: the file has no date of measurement; add --measured DATE",
+            key="--measured",
+        )
+    values = {
+        "sensor_id": sensor_id,
+        "bench_id": bench_id,
+        "run_id": run_id,
+        "measured": time,
+        "measured_from": source,
+        "method": found.method,
+        "estimator": found.estimator,
+        "grade": found.verdict.grade if found.verdict else "",
+        "recording_sha256": entered.recording,
+        "content": entered.text,
+        "sha256": entered.sha256,
+    }
+    new = _insert_row(db, calibration, values, who)
+    names = found.sensor.coefficients
+    columns = (names, found.values.tolist(), found.std.tolist(), entered.units)
+    rows = [
+        {"calibration_id": new, "place": k, "name": name, "value": value, "std": std, "unit": unit}
+        for k, (name, value, std, unit) in enumerate(zip(*columns, strict=True))
+    ]
+    if rows:
+        db.execute(insert(coefficient), rows)
+    return new
+
+
+def state_date(db: Connection, number: int, measured: str) -> None:
+    """Date a calibration by what the user states, where nothing but its file has dated it.
+
+    Raises
+    ------
+    InputError
+        It has another date, stated before or that of its run.
+    """
+    query = select(calibration.c.measured, calibration.c.measured_from)
+    there = db.execute(query.where(calibration.c.id == number)).one()
+    time = to_utc(measured)
+    if there.measured == time:
+        return
+    if there.measured_from != "created":
+        source = "as was stated" if there.measured_from == "stated" else "by its run"
+        raise InputError(
+            f"--measured: calibration #{number} is in the register with {there.measured[:10]} "
+            f"{source}, which stays; calibrate again and import the new file with --measured: in "
+            "a history it replaces this one, for both are of one recording",
+            key="--measured",
+        )
+    new = {"measured": time, "measured_from": "stated"}
+    db.execute(update(calibration).where(calibration.c.id == number).values(**new))
+
+
+def _insert_row(db: Connection, table: Table, values: dict[str, Any], who: EntryAuthor) -> int:
+    result = db.execute(insert(table).values(**values, **who.columns)).inserted_primary_key
+    assert result is not None
+    return int(result[0])

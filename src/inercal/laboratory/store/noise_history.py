@@ -1,0 +1,302 @@
+"""Noise analyses in a register: how they are entered, read, and compared over time.
+
+E_n of a coefficient against the analysis before is |Δ|/(2 √(u₁² + u₂²)), with the u of both; above
+1 the coefficient changed. Two analyses of one recording are no repeats: the later entry counts.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import hypot, isfinite
+from typing import Any
+
+from sqlalchemy import (
+    Column,
+    Connection,
+    Double,
+    ForeignKey,
+    Integer,
+    String,
+    Table,
+    Text,
+    insert,
+    select,
+)
+
+from inercal.basics.errors import InputError
+from inercal.laboratory.store.document import to_utc
+from inercal.laboratory.store.insertions import EntryAuthor, enter_axes
+from inercal.laboratory.store.register_tables import metadata, sensor
+from inercal.noise import NoiseAnalysis, NoiseCoefficient
+from inercal.noise.analysis_object import analysis_object
+
+noise_analysis = Table(
+    "noise_analysis",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
+    Column("measured", String, nullable=False),
+    Column("measured_from", String, nullable=False),  # "stated" or "entered"
+    Column("source", String, nullable=False),  # the recording's file
+    Column("recording_sha256", String, nullable=False),
+    Column("duration", Double, nullable=False),  # s
+    Column("content", Text, nullable=False),  # the whole analysis, JSON
+    Column("sha256", String, nullable=False),  # of the content
+    Column("entered_by", String, nullable=False),
+    Column("entered_at", String, nullable=False),
+)
+noise_coefficient = Table(
+    "noise_coefficient",
+    metadata,
+    Column("analysis_id", Integer, ForeignKey("noise_analysis.id"), primary_key=True),
+    Column("channel", String, primary_key=True),
+    Column("symbol", String, primary_key=True),
+    Column("place", Integer, nullable=False),  # in the analysis's order, from 0
+    Column("value", Double, nullable=False),  # SI; 0 where only an upper limit is known
+    Column("u", Double),  # SI; null where only an upper limit is known
+    Column("low", Double, nullable=False),
+    Column("high", Double, nullable=False),
+    Column("unit", String, nullable=False),  # in which it is printed
+)
+
+
+_MEASURES = {"gyro": "w", "accelerometer": "f"}
+_INFINITE = float("inf")
+
+
+@dataclass(frozen=True)
+class NoiseEntry:
+    """A noise analysis.
+
+    Parameters
+    ----------
+    id : int
+    sensor : str
+    measured : str
+        When, ISO 8601, UTC.
+    measured_from : "stated" or "entered"
+        Whose time that is: the user's, or that of the entry.
+    source : str
+        The recording's file.
+    recording_sha256 : str
+    duration : float
+        s.
+    coefficients : dict of channel to tuple of NoiseCoefficient
+        SI; without the significance of terms, which `content` has.
+    by, at : str
+        Who entered it, and when, ISO 8601, UTC.
+    content : str
+        The whole analysis, JSON.
+    """
+
+    id: int
+    sensor: str
+    measured: str
+    measured_from: str
+    source: str
+    recording_sha256: str
+    duration: float
+    coefficients: Mapping[str, tuple[NoiseCoefficient, ...]]
+    by: str
+    at: str
+    content: str = field(repr=False)
+
+
+@dataclass(frozen=True)
+class NoiseTrend:
+    """A coefficient of a channel over time.
+
+    Parameters
+    ----------
+    channel, symbol, unit : str
+    entries : tuple of NoiseEntry
+        Those that have it, the oldest first.
+    values : tuple of NoiseCoefficient
+        One of each entry.
+    """
+
+    channel: str
+    symbol: str
+    unit: str
+    entries: tuple[NoiseEntry, ...]
+    values: tuple[NoiseCoefficient, ...]
+
+    @property
+    def normalised_errors(self) -> tuple[float | None, ...]:
+        """E_n against the value before; None of the first, and beside an upper limit."""
+        found: list[float | None] = [None]
+        for before, after in zip(self.values[:-1], self.values[1:], strict=True):
+            u = hypot(before.u, after.u)
+            known = isfinite(u) and u > 0
+            found.append(abs(after.value - before.value) / (2 * u) if known else None)
+        return tuple(found)
+
+    @property
+    def changed(self) -> bool:
+        """Whether the newest value differs from the one before, or no longer from zero."""
+        last = self.normalised_errors[-1]
+        return last is not None and last > 1
+
+
+def enter_noise(
+    db: Connection, analysis: NoiseAnalysis, name: str, measured: str | None, who: EntryAuthor
+) -> int:
+    """Enter an analysis of a sensor, which is entered too if it is new; return its number.
+
+    An analysis of the same content of the same sensor is entered once.
+
+    Raises
+    ------
+    InputError
+        No name, or `measured` is not a time.
+    """
+    if not name.strip():
+        raise InputError("a noise analysis in the register needs a sensor's name", key="--sensor")
+    time, origin = who.at, "entered"
+    if measured is not None:
+        try:
+            time, origin = to_utc(measured), "stated"
+        except ValueError:
+            raise InputError(
+                f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01",
+                key="--measured",
+            ) from None
+    found = db.scalar(select(sensor.c.id).where(sensor.c.name == name))
+    axes = {one.channel: _MEASURES[one.quantity] for one in analysis.channels}
+    # A known sensor keeps its axes: channels of a log may have other names.
+    sensor_id = enter_axes(db, name, axes, who) if found is None else int(found)
+    content = json.dumps(analysis_object(analysis), ensure_ascii=False, allow_nan=False)
+    digest = hashlib.sha256(content.encode()).hexdigest()
+    same = (noise_analysis.c.sensor_id == sensor_id, noise_analysis.c.sha256 == digest)
+    if (there := db.scalar(select(noise_analysis.c.id).where(*same))) is not None:
+        return int(there)
+    values = {
+        "sensor_id": sensor_id,
+        "measured": time,
+        "measured_from": origin,
+        "source": analysis.source,
+        "recording_sha256": analysis.sha256,
+        "duration": analysis.duration,
+        "content": content,
+        "sha256": digest,
+    }
+    key = db.execute(insert(noise_analysis).values(**values, **who.columns)).inserted_primary_key
+    assert key is not None
+    rows = [
+        {
+            "analysis_id": int(key[0]),
+            "channel": channel.channel,
+            "symbol": one.symbol,
+            "place": place,
+            "value": one.value,
+            "u": one.u if isfinite(one.u) else None,
+            "low": one.low,
+            "high": one.high,
+            "unit": one.unit,
+        }
+        for channel in analysis.channels
+        for place, one in enumerate(channel.coefficients)
+    ]
+    if rows:
+        db.execute(insert(noise_coefficient), rows)
+    return int(key[0])
+
+
+def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
+    """Return the noise analyses of a sensor as they were measured.
+
+    Raises
+    ------
+    InputError
+        The register's text is not what was entered.
+    """
+    query = (
+        select(noise_analysis, sensor.c.name.label("sensor"))
+        .join(sensor, sensor.c.id == noise_analysis.c.sensor_id)
+        .where(noise_analysis.c.sensor_id == sensor_id)
+        .order_by(noise_analysis.c.measured, noise_analysis.c.id)
+    )
+    rows = db.execute(query).all()
+    coefficients = _coefficients(db, sensor_id)
+    for row in rows:
+        if hashlib.sha256(row.content.encode()).hexdigest() != row.sha256:
+            raise InputError(
+                f"the register is damaged: the content of noise analysis {row.id} is not what was "
+                "entered; restore it from a copy",
+                key="--register",
+            )
+    return tuple(
+        NoiseEntry(
+            row.id, row.sensor, row.measured, row.measured_from, row.source, row.recording_sha256,
+            row.duration, coefficients.get(row.id, {}), row.entered_by, row.entered_at, row.content,
+        )
+        for row in rows
+    )  # fmt: skip
+
+
+def _coefficients(
+    db: Connection, sensor_id: int
+) -> dict[int, dict[str, tuple[NoiseCoefficient, ...]]]:
+    query = (
+        select(noise_coefficient)
+        .join(noise_analysis, noise_analysis.c.id == noise_coefficient.c.analysis_id)
+        .where(noise_analysis.c.sensor_id == sensor_id)
+        .order_by(
+            noise_coefficient.c.analysis_id, noise_coefficient.c.channel, noise_coefficient.c.place
+        )
+    )
+    found: dict[int, dict[str, tuple[NoiseCoefficient, ...]]] = {}
+    for row in db.execute(query):
+        u = _INFINITE if row.u is None else row.u
+        one = NoiseCoefficient(row.symbol, "", row.value, u, row.low, row.high, row.unit)
+        channels = found.setdefault(row.analysis_id, {})
+        channels[row.channel] = (*channels.get(row.channel, ()), one)
+    return found
+
+
+def noise_trends(entries: tuple[NoiseEntry, ...]) -> tuple[NoiseTrend, ...]:
+    """Return the coefficients of all channels over time, of each recording by its last entry."""
+    last = {one.recording_sha256 or f"#{one.id}": one.id for one in sorted(entries, key=_number)}
+    kept = [one for one in entries if last[one.recording_sha256 or f"#{one.id}"] == one.id]
+    points: dict[tuple[str, str, str], list[tuple[NoiseEntry, NoiseCoefficient]]] = {}
+    for entry in kept:
+        for channel, coefficients in entry.coefficients.items():
+            for one in coefficients:
+                points.setdefault((channel, one.symbol, one.unit), []).append((entry, one))
+    return tuple(
+        NoiseTrend(*key, tuple(one for one, _ in found), tuple(one for _, one in found))
+        for key, found in points.items()
+    )
+
+
+def _number(entry: NoiseEntry) -> int:
+    return entry.id
+
+
+def noise_entry_object(entry: NoiseEntry) -> dict[str, Any]:
+    """Return an entry for JSON, with its coefficients and without its content."""
+    return {
+        "id": entry.id,
+        "sensor": entry.sensor,
+        "measured": entry.measured,
+        "measured_from": entry.measured_from,
+        "source": entry.source,
+        "recording_sha256": entry.recording_sha256,
+        "duration": entry.duration,
+        "by": entry.by,
+        "at": entry.at,
+        "coefficients": [
+            {
+                "channel": channel,
+                "symbol": one.symbol,
+                "value": one.value,
+                "u": one.u,
+                "low": one.low,
+                "high": one.high,
+                "unit": one.unit,
+            }
+            for channel, coefficients in entry.coefficients.items()
+            for one in coefficients
+        ],
+    }

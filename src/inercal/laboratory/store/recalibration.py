@@ -1,0 +1,381 @@
+"""When a sensor should be calibrated next, by the methods of ILAC-G24:2022 (OIML D 10).
+
+A limit is either the tolerance of a coefficient, [specification.limits] of its newest calibration,
+or the largest U that a user accepts. Δt after the newest calibration, which reads y with its own
+variance s², a coefficient is uncertain by::
+
+    U²(Δt) = t_ν² (2τ² + s² + q Δt + u_b² Δt²) + 4 u_B²,   e(Δt) = y + b Δt
+
+τ is the scatter of calibrations, which this use and that calibration both have, q the variance a
+year of a random walk, b ± u_b the drift a year, 0 ± u_b where no drift is found, u_B what
+calibrations share.
+
+prediction
+    The longest Δt with U(Δt) + |b| Δt within the limit of U; of a tolerance, with a probability of
+    at least 95 % that the coefficient is within it.
+chart
+    The time in which the largest change a year that was seen between two calibrations leads from
+    the newest value to the limit.
+staircase
+    The last interval times 1.1 where the newest calibration found the coefficient within its
+    limit, else times 0.45. In the long run that holds 89 % within.
+time in use
+    The prediction over operating hours in place of years, where three calibrations state them
+    ([job] operating_hours).
+
+The prediction decides, and the house rule caps it: never more than twice the longest interval that
+was seen. With fewer than five calibrations of its own a sensor takes U(Δt), and the largest change
+a year, of the sensors of its type (`type_pool`), unless its own calibrations scatter more.
+"""
+
+# scipy has no type stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from typing import cast
+
+import numpy as np
+import scipy
+
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.units import parse_quantity
+from inercal.calibration.comparison.changes import YEAR
+from inercal.calibration.comparison.courses import LEAST_FOR_DRIFT
+from inercal.estimation.uncertainty.conformity import conformance_probability
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
+from inercal.laboratory.store.type_pool import PooledChange, TypePool
+from inercal.physics.sensors.coefficient_selection import select_coefficients
+
+PROBABILITY = 0.95
+"""Of a coefficient being within its tolerance at the end of an interval."""
+LONGER, SHORTER = 1.1, 0.45
+_LONGEST_RATIO = 2.0
+_HORIZON = 100.0  # years
+_LEAST = 3  # calibrations for a prediction by themselves
+_HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class CoefficientLimit:
+    """A limit of a coefficient, SI.
+
+    Parameters
+    ----------
+    lower, upper : float
+        Tolerance; infinite where there is none.
+    expanded : float
+        Largest U; infinite where none is stated.
+    """
+
+    lower: float = -inf
+    upper: float = inf
+    expanded: float = inf
+
+
+@dataclass(frozen=True)
+class CoefficientInterval:
+    """The intervals of one coefficient, in years; None where a method has too few data.
+
+    Parameters
+    ----------
+    name : str
+    limit : CoefficientLimit
+    prediction, chart, staircase : float or None
+    hours : float or None
+        By the time in use, hours.
+    sensors : int
+        Over how many sensors of the type prediction and chart are pooled; 0 where they are of the
+        sensor's own calibrations.
+    is_apart : bool
+        Whether its calibrations scatter otherwise than those of its type, so that no pool is taken.
+    expanded : float or None
+        U predicted for a use right after the newest calibration, SI; None without a prediction.
+    """
+
+    name: str
+    limit: CoefficientLimit
+    prediction: float | None
+    chart: float | None
+    staircase: float | None
+    hours: float | None = None
+    sensors: int = 0
+    is_apart: bool = False
+    expanded: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Recalibration:
+    """When to calibrate next.
+
+    Parameters
+    ----------
+    history : SensorHistory
+    rows : tuple of CoefficientInterval
+        Of the coefficients with limits.
+    longest : float
+        Twice the longest interval that was seen, years.
+    in_use : float or None
+        Part of the time in use.
+    pool : TypePool or None
+        The sensors of the type, where one of the rows is pooled over them.
+    """
+
+    history: SensorHistory
+    rows: tuple[CoefficientInterval, ...]
+    longest: float
+    in_use: float | None = None
+    pool: TypePool | None = None
+
+    @property
+    def years(self) -> float | None:
+        """The interval; None where no prediction can be made."""
+        found = [one.prediction for one in self.rows if one.prediction is not None]
+        return min(*found, self.longest, inf) if found else None
+
+    @property
+    def decided_by(self) -> str:
+        """The coefficient whose prediction is the shortest, or "house rule"; empty for none."""
+        known = [one for one in self.rows if one.prediction is not None]
+        if not known:
+            return ""
+        first = min(known, key=lambda one: one.prediction or 0.0)
+        return first.name if (first.prediction or 0.0) <= self.longest else "house rule"
+
+    @property
+    def date(self) -> str | None:
+        """Day of the next calibration, ISO 8601."""
+        if self.years is None:
+            return None
+        return self.history.date(self._newest + self.years).partition("T")[0]
+
+    @property
+    def hours_in_use(self) -> float | None:
+        """The interval as hours of use; None where the part of the time in use is not stated."""
+        if self.years is None or self.in_use is None:
+            return None
+        return self.years * YEAR / _HOUR * self.in_use
+
+    @property
+    def operating_hours(self) -> float | None:
+        """Operating hours of the sensor at which to calibrate; None where they are not known."""
+        hours = self.history.operating_hours
+        found = [one.hours for one in self.rows if one.hours is not None]
+        known = [one for one in hours if one is not None]
+        if not found or hours[-1] is None:
+            return None
+        return hours[-1] + min(*found, _LONGEST_RATIO * float(np.diff(known).max()))
+
+    @property
+    def _newest(self) -> float:
+        return max(float(one.time[-1]) for one in self.history.trends)
+
+
+def needs_pool(history: SensorHistory) -> bool:
+    """Tell whether a sensor has too few calibrations of its own for an interval."""
+    return len(history.entries) < LEAST_FOR_DRIFT
+
+
+def recalibration(
+    history: SensorHistory,
+    stated: Mapping[str, str] | None = None,
+    in_use: float | None = None,
+    pool: TypePool | None = None,
+) -> Recalibration:
+    """Return when to calibrate next.
+
+    Parameters
+    ----------
+    history : SensorHistory
+    stated : mapping of str to str, optional
+        Largest U by coefficient, group or axis: {"bias": "1 mg"}.
+    in_use : float, optional
+        Part of the time in use, 0 to 1.
+    pool : TypePool, optional
+        For a sensor that `needs_pool`.
+
+    Raises
+    ------
+    InputError
+        A word that selects no coefficient, a quantity that does not fit, or a pool that is not
+        needed.
+    """
+    if in_use is not None and not 0 < in_use <= 1:
+        raise InputError("--in-use must be above 0 and at most 100 %", key="--in-use")
+    limits = coefficient_limits(history, stated or {})
+    if pool is not None and not needs_pool(history):
+        raise InputError(
+            f"--like: {history.sensor.name} has {len(history.entries)} calibrations of its own; "
+            "remove --like",
+            key="--like",
+        )
+    if (
+        pool is not None
+        and len(history.entries) < _LEAST
+        and pool.sensors == (history.sensor.name,)
+    ):
+        pool = None  # two calibrations of this sensor alone do not tell scatter from drift
+    hours = history.operating_hours
+    rows = tuple(
+        _interval(
+            trend,
+            limits[trend.name],
+            None if pool is None else pool.changes.get(trend.name),
+            [hours[k] for k in trend.points],
+        )
+        for trend in history.trends
+        if trend.name in limits
+    )
+    gaps = [float(np.diff(one.time).max()) for one in history.trends if one.time.size > 1]
+    if pool is not None and any(one.sensors for one in rows):
+        gaps.append(pool.longest)
+    else:
+        pool = None
+    return Recalibration(history, rows, _LONGEST_RATIO * max(gaps, default=0.0), in_use, pool)
+
+
+def coefficient_limits(
+    history: SensorHistory, stated: Mapping[str, str]
+) -> dict[str, CoefficientLimit]:
+    """Return the limits by full name: those stated, else the tolerances of the newest."""
+    newest = history.entries[-1].calibration
+    is_turned = history.calibrations[-1].frame != newest.frame  # its limits are of its own frame
+    found = {
+        one.name: CoefficientLimit(one.lower, one.upper)
+        for one in (() if newest.conformity is None else newest.conformity.limits)
+        if not (is_turned and CoefficientName(one.name).parts[1] in ("delta_o", "delta_p"))
+    }
+    names = {one.name for one in history.trends}
+    for word, text in stated.items():
+        chosen = [one for one in select_coefficients(newest.sensor.axes, [word]) if one in names]
+        errors: list[InputError] = []
+        fitting = 0
+        for name in chosen:
+            try:
+                size = parse_quantity(text, newest.sensor.coefficient(name).unit)
+            except InputError as error:
+                errors.append(error)  # a group has limits where the unit fits
+                continue
+            if size.sd or size.value <= 0:
+                raise InputError(
+                    f"--limit {word}: {text!r} must be one positive quantity", key="--limit"
+                )
+            found[name] = CoefficientLimit(expanded=size.value)
+            fitting += 1
+        if not fitting:
+            if errors:
+                raise errors[0].located(f"--limit {word}", key="--limit")
+            raise InputError(
+                f"--limit {word}: not in this history; it has {', '.join(sorted(names))}",
+                key="--limit",
+                names=(word,),
+            )
+    return found
+
+
+def expanded_after(trend: CoefficientTrend, years: float) -> float:
+    """Return U some years after the newest calibration, without the drift, SI."""
+    courses = trend.courses
+    assert courses is not None  # `_interval`
+    line = courses.line
+    by_scatter = (
+        2 * max(line.tau, courses.wandering_line.tau) ** 2
+        + float(trend.independent_variance[-1])
+        + courses.walk.walk * years
+        + line.slope.std**2 * years**2
+    )
+    shared = COVERAGE**2 * float(trend.shared[-1, -1])
+    return float(np.sqrt(line.factor**2 * by_scatter + shared))
+
+
+def _interval(
+    trend: CoefficientTrend,
+    limit: CoefficientLimit,
+    pooled: PooledChange | None,
+    hours: Sequence[float | None],
+) -> CoefficientInterval:
+    gaps = np.diff(trend.time)
+    apart = gaps > 0
+    steps = np.abs(np.diff(trend.values))
+    prediction = chart = staircase = expanded = None
+    newest = float(trend.values[-1])
+    is_apart = pooled is not None and not pooled.is_of_type(trend)
+    if is_apart:
+        pooled = None
+    if pooled is not None or trend.courses is not None:
+        prediction = _longest(trend, limit, pooled)
+        expanded = _expanded(trend, pooled, 0.0)
+    room = min(limit.expanded, limit.upper - newest, newest - limit.lower)
+    rates = list(steps[apart] / gaps[apart]) + ([] if pooled is None else [pooled.rate])
+    if rates and isfinite(room):
+        rate = float(max(rates))
+        chart = max(room, 0.0) / rate if rate > 0 else _HORIZON
+    if apart.any():
+        within = (
+            float(steps[-1]) <= limit.expanded
+            if isfinite(limit.expanded)
+            else limit.lower <= newest <= limit.upper
+        )
+        staircase = float(gaps[apart][-1]) * (LONGER if within else SHORTER)
+    used = _over_hours(trend, hours)
+    return CoefficientInterval(
+        trend.name, limit, prediction, chart, staircase,
+        None if used is None else _longest(used, limit) * YEAR / _HOUR,
+        0 if pooled is None else pooled.sensors, is_apart, expanded,
+    )  # fmt: skip
+
+
+def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> CoefficientTrend | None:
+    """Return a trend with years of operation as its times; None where fewer than three are known.
+
+    Of the newest calibrations, which all state operating hours that grow.
+    """
+    count = next((k for k, one in enumerate(reversed(hours)) if one is None), len(hours))
+    count = min(count, len(trend.shared))
+    known = np.array([one for one in hours[len(hours) - count :] if one is not None])
+    if count < 3 or np.any(np.diff(known) < 0) or np.ptp(known) == 0:
+        return None
+    return replace(
+        trend,
+        points=trend.points[-count:],
+        time=known * _HOUR / YEAR,
+        values=trend.values[-count:],
+        std=trend.std[-count:],
+        step_std=trend.step_std[-(count - 1) :],
+        shared=trend.shared[-count:, -count:],
+    )
+
+
+def _expanded(trend: CoefficientTrend, pooled: PooledChange | None, years: float) -> float:
+    """Return U some years after the newest calibration, of the sensor or of its type, SI."""
+    if pooled is None:
+        return expanded_after(trend, years)
+    own, shared = float(trend.independent_variance[-1]), float(trend.shared[-1, -1])
+    return pooled.expanded_after(own, shared, years)
+
+
+def _longest(
+    trend: CoefficientTrend, limit: CoefficientLimit, pooled: PooledChange | None = None
+) -> float:
+    """Return the longest interval of the prediction, years; 0 where the limit is exceeded now."""
+    courses = trend.courses if pooled is None else None
+    slope = courses.line.slope.slope if courses is not None and courses.drifts else 0.0
+
+    def room(years: float) -> float:
+        expanded = _expanded(trend, pooled, years)
+        if isfinite(limit.expanded):
+            return limit.expanded - expanded - abs(slope) * years
+        value = np.array([trend.values[-1] + slope * years])
+        inside = conformance_probability(
+            value, np.array([expanded / COVERAGE]), np.array([limit.lower]), np.array([limit.upper])
+        )
+        return float(inside[0]) - PROBABILITY
+
+    if room(0.0) <= 0:
+        return 0.0
+    if room(_HORIZON) > 0:
+        return _HORIZON
+    return cast("float", scipy.optimize.brentq(room, 0.0, _HORIZON, xtol=1e-4))

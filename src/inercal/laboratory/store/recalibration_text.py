@@ -1,0 +1,137 @@
+"""The next calibration in words and rounded figures."""
+
+from datetime import datetime
+from math import isfinite
+
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.calibration.comparison.changes import YEAR
+from inercal.laboratory.store.recalibration import CoefficientInterval, Recalibration
+
+_DAY = 86_400.0
+
+
+def interval_text(years: float | None) -> str:
+    """Return an interval in days; empty where there is none."""
+    return "" if years is None else f"{years * YEAR / _DAY:.0f}"
+
+
+def limit_text(found: Recalibration, one: CoefficientInterval) -> str:
+    """Return a limit in the unit of its coefficient."""
+    trend = found.history.trend(one.name)
+    limit = one.limit
+    if isfinite(limit.expanded):
+        return f"U ≤ {limit.expanded / trend.si:.6g} {trend.unit}"
+    ends = [f"{x / trend.si:.6g}" if isfinite(x) else "" for x in (limit.lower, limit.upper)]
+    return f"{' to '.join(ends).strip()} {trend.unit}"
+
+
+def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return heads and cells of the intervals of each coefficient, after its name and limit."""
+    heads = ["predicted U now", "prediction, days", "chart", "staircase"]
+    columns = [
+        [expanded_text(found, one) for one in found.rows],
+        [interval_text(one.prediction) for one in found.rows],
+        [interval_text(one.chart) for one in found.rows],
+        [interval_text(one.staircase) for one in found.rows],
+    ]
+    if any(one.hours is not None for one in found.rows):
+        heads.append("time in use, hours")
+        columns.append([hours_text(one.hours) for one in found.rows])
+    if found.pool is not None:
+        heads.append("pooled sensors")
+        columns.append([str(one.sensors or "") for one in found.rows])
+    return tuple(heads), list(zip(*columns, strict=True))
+
+
+def expanded_text(found: Recalibration, one: CoefficientInterval) -> str:
+    """Return U of a use right after the newest calibration; empty without a prediction."""
+    if one.expanded is None:
+        return ""
+    trend = found.history.trend(one.name)
+    expanded = format_value_and_uncertainty(0.0, one.expanded / trend.si)[1]
+    return f"{expanded} {trend.unit}"
+
+
+def _exceedance_text(found: Recalibration) -> str:
+    """Return which limit is exceeded now, by what."""
+    one = next(row for row in found.rows if row.name == found.decided_by)
+    trend = found.history.trend(one.name)
+    limit, expanded = limit_text(found, one), expanded_text(found, one)
+    if isfinite(one.limit.expanded):
+        text = f"predicted U {expanded} exceeds the limit {limit} on the day of the newest"
+        text += " calibration; it holds the scatter of that calibration and of the use"
+    else:
+        value = format_value_and_uncertainty(
+            float(trend.values[-1]) / trend.si, (one.expanded or 0.0) / trend.si
+        )[0]
+        text = f"{value} with the predicted U {expanded} is within {limit} with less than 95 %"
+    return f"next calibration now: {one.name}: {text}"
+
+
+def _too_few_text(found: Recalibration) -> str:
+    """Return why no date is predicted."""
+    entries = found.history.entries
+    count = len(entries)
+    first, last = (datetime.fromisoformat(entries[k].measured) for k in (0, -1))
+    days = (last - first).total_seconds() / _DAY
+    apart = f" {days:.0f} day{'s' * (round(days) != 1)} apart" if count == 2 else ""
+    have = (
+        f"{count} calibration{'s' * (count > 1)}{apart} {'are' if count > 1 else 'is'} too few to "
+        "predict; " if count < 3 else ""
+    )  # fmt: skip
+    return (
+        f"no date of the next calibration: {have}a prediction takes three calibrations or more, or "
+        "sensors of the same type with two each; state [job] model, or name them by --like"
+    )
+
+
+def hours_text(hours: float | None) -> str:
+    """Return operating hours; empty where there are none."""
+    return "" if hours is None else f"{hours:.0f}"
+
+
+def _pool_lines(found: Recalibration) -> list[str]:
+    """Return which predictions are pooled over sensors of the type."""
+    lines: list[str] = []
+    if found.pool is not None:
+        count = len(found.history.entries)
+        of_type = f" of type {found.pool.type_name}" if found.pool.type_name else ""
+        lines.append(
+            f"pooled over {len(found.pool.sensors)} sensor"
+            f"{'s' * (len(found.pool.sensors) > 1)}{of_type}: "
+            f"{', '.join(found.pool.sensors)}; the sensor itself has {count} "
+            f"calibration{'s' * (count > 1)}"
+        )
+    apart = [one.name for one in found.rows if one.is_apart]
+    if apart:
+        lines.append(
+            f"{', '.join(apart)}: not pooled, for the sensor's own calibrations scatter more than "
+            "those of its type"
+        )
+    return lines
+
+
+def recalibration_lines(found: Recalibration) -> list[str]:
+    """Return what follows for the next calibration."""
+    if not found.rows:
+        return [
+            "no date of the next calibration: no limits are known; state [specification.limits] "
+            "in the run file, or the largest U by --limit"
+        ]
+    if found.years is None:
+        return [_too_few_text(found), *_pool_lines(found)]
+    by = found.decided_by
+    reason = (
+        "never more than twice the longest interval that was seen"
+        if by == "house rule"
+        else f"{by} is predicted to reach its limit then"
+    )
+    text = f"next calibration by {found.date}, after {interval_text(found.years)} days: {reason}"
+    if found.years == 0:
+        text = _exceedance_text(found)
+    lines = [text, *_pool_lines(found)]
+    if (reading := found.operating_hours) is not None:
+        lines.append(f"at the latest at {reading:.0f} operating hours, by the time in use")
+    if (hours := found.hours_in_use) is not None:
+        lines.append(f"that is {hours:.0f} hours of use")
+    return lines

@@ -1,0 +1,351 @@
+"""The register itself: what is entered, and what is read from it."""
+
+import os
+from collections.abc import Callable, Collection, Generator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from getpass import getuser
+from pathlib import Path
+from typing import Self
+
+from sqlalchemy import Connection, Engine, select
+
+from inercal.basics.errors import InputError
+from inercal.calibration import Calibration
+from inercal.laboratory.store import certificates, insertions, queries
+from inercal.laboratory.store.address import (
+    RegisterAddress,
+    require_place_of_register,
+    resolve_address,
+)
+from inercal.laboratory.store.connection import (
+    make_engine,
+    read_transaction,
+    upgrade_register,
+    write_transaction,
+)
+from inercal.laboratory.store.document import make_document, to_utc, utc_now
+from inercal.laboratory.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
+from inercal.laboratory.store.history import SensorHistory, build_history
+from inercal.laboratory.store.noise_history import NoiseEntry, enter_noise, read_noise
+from inercal.laboratory.store.register_tables import calibration, run
+from inercal.noise import NoiseAnalysis
+from inercal.physics.sensors import Sensor
+
+Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connection]]
+
+
+class Register:
+    """Sensors, benches, runs, hashes of raw data and calibrations; who entered them, and when.
+
+    A context manager. Each call is a transaction of its own; several processes and threads may
+    have the same register open.
+
+    Parameters
+    ----------
+    address : str, optional
+        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE"; None or "default" is what
+        $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
+    by : str, optional
+        Who enters things; the user of the system where nobody is named.
+    create : bool
+        Whether a register that does not exist is created, as soon as it is used.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        The file of the register; none on a server.
+    address : str
+        To be printed, without a password.
+    exists : bool
+        Whether it is there; else it is created as soon as it is used.
+
+    Raises
+    ------
+    InputError
+        Nothing can be opened there, or it is not a register, or one of a newer version; with
+        `create` false also where there is none.
+    """
+
+    def __init__(self, address: str | None = None, by: str | None = None, *, create: bool = True):
+        self._address = resolve_address(address)
+        self.address = self._address.display_url
+        self._by = by or _user_name()
+        self.files = () if self._address.file is None else (self._address.file,)
+        self._engine = make_engine(self._address)
+        file = self._address.file
+        self.exists = file is None or os.path.exists(file)
+        if file is not None and not self.exists:
+            require_place_of_register(file, create=create)
+        else:
+            upgrade_register(self._engine, self._address, create=create)
+
+    @contextmanager
+    def _transaction(self, begin: Transaction) -> Generator[Connection]:
+        if not self.exists:
+            upgrade_register(self._engine, self._address)
+            self.exists = True
+        with begin(self._engine, self._address) as db:
+            yield db
+
+    def sensors(self) -> tuple[SensorEntry, ...]:
+        """Return all sensors, by name."""
+        with self._transaction(read_transaction) as db:
+            return queries.sensors(db)
+
+    def sensor(self, key: int | str) -> SensorEntry:
+        """Return one sensor by its id or its name.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        with self._transaction(read_transaction) as db:
+            return queries.find_sensor(db, key)
+
+    def runs(
+        self, sensor: int | str | None = None, newest: int | None = None
+    ) -> tuple[RunEntry, ...]:
+        """Return all runs, or those of one sensor, by their begin; of many the `newest` alone."""
+        with self._transaction(read_transaction) as db:
+            if sensor is None:
+                return queries.runs(db, newest=newest)
+            one = queries.find_sensor(db, sensor)
+            return queries.runs(db, run.c.sensor_id == one.id, newest=newest)
+
+    def calibrations(
+        self, sensor: int | str | None = None, newest: int | None = None
+    ) -> tuple[CalibrationEntry, ...]:
+        """Return all calibrations, or those of one sensor, as they were measured.
+
+        Parameters
+        ----------
+        sensor : int or str, optional
+            Its id or its name.
+        newest : int, optional
+            How many of them, the last measured; None returns all.
+        """
+        with self._transaction(read_transaction) as db:
+            if sensor is None:
+                return queries.calibrations(db, newest=newest)
+            one = queries.find_sensor(db, sensor)
+            return queries.calibrations(db, calibration.c.sensor_id == one.id, newest=newest)
+
+    def entered_sha256(self, wanted: Collection[str]) -> set[str]:
+        """Return those of the wanted SHA-256 of calibration files that the register has."""
+        with self._transaction(read_transaction) as db:
+            query = select(calibration.c.sha256).where(calibration.c.sha256.in_(wanted))
+            return set(db.scalars(query))
+
+    def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
+        """Return the numbers of all calibrations, or of those of one run, as they were measured."""
+        with self._transaction(read_transaction) as db:
+            if run_id is None:
+                return queries.calibration_numbers(db)
+            return queries.calibration_numbers(db, calibration.c.run_id == run_id)
+
+    def calibration(self, number: int) -> CalibrationEntry:
+        """Return one calibration.
+
+        Raises
+        ------
+        InputError
+            There is none of that number.
+        """
+        with self._transaction(read_transaction) as db:
+            return queries.find_calibration(db, number)
+
+    def coefficients(self, number: int) -> Sequence[tuple[str, float, float, str]]:
+        """Return name, value, standard uncertainty (k = 1) and SI unit of a calibration's."""
+        with self._transaction(read_transaction) as db:
+            return queries.coefficients(db, number)
+
+    def history(self, sensor: int | str) -> SensorHistory:
+        """Return all calibrations of a sensor, coefficient by coefficient.
+
+        Raises
+        ------
+        InputError
+            There is no such sensor, or it was never calibrated.
+        """
+        one = self.sensor(sensor)
+        return build_history(one, self.calibrations(one.id))
+
+    def noise_history(self, sensor: int | str) -> tuple[NoiseEntry, ...]:
+        """Return the noise analyses of a sensor as they were measured."""
+        with self._transaction(read_transaction) as db:
+            return read_noise(db, queries.find_sensor(db, sensor).id)
+
+    def enter_noise(self, analysis: NoiseAnalysis, sensor: str, measured: str | None = None) -> int:
+        """Enter a noise analysis of a sensor by its name; return the analysis's number.
+
+        Raises
+        ------
+        InputError
+            No name, or `measured` is not a time, ISO 8601.
+        """
+        with self._transaction(write_transaction) as db:
+            return enter_noise(db, analysis, sensor, measured, self._author())
+
+    def enter_sensor(self, sensor: Sensor) -> int:
+        """Enter a sensor; return its id, which is that of the one that is there already.
+
+        Raises
+        ------
+        InputError
+            An axis measures something else than that of the same name in the register.
+        """
+        with self._transaction(write_transaction) as db:
+            return insertions.enter_sensor(db, sensor, self._author())
+
+    def enter_run(
+        self, facts: RunFacts, calibration: Calibration | str | Path | None = None
+    ) -> int:
+        """Enter a run, and its calibration or the file of it; return the run's id.
+
+        Of a run that is there state, folder and files are brought up to date, and nothing else.
+
+        Raises
+        ------
+        InputError
+            The calibration file cannot be used; nothing is entered then.
+        """
+        result = None if calibration is None else make_document(calibration)
+        kind = "" if result is None else _bench_kind(result.calibration)
+        with self._transaction(write_transaction) as db:
+            number = insertions.enter_run(db, facts, self._author())
+            if result is not None:
+                insertions.enter_calibration(db, result, kind, None, self._author())
+            return number
+
+    def enter_calibration(
+        self, source: Calibration | str | Path, measured: str | None = None
+    ) -> int:
+        """Enter a calibration, or that of a file; return its number.
+
+        Parameters
+        ----------
+        source : Calibration or path
+        measured : str, optional
+            When, ISO 8601; else the begin of the run whose recording it is of, where that is in
+            the register, else when the calibration was made.
+
+        Raises
+        ------
+        InputError
+            The file cannot be used, or `measured` is not a time.
+        """
+        return self.enter_calibrations((source,), measured)[0]
+
+    def enter_calibrations(
+        self, sources: Sequence[Calibration | str | Path], measured: str | None = None
+    ) -> tuple[int, ...]:
+        """Enter several calibrations, all or none; return their numbers.
+
+        One that is there already keeps all but a date that only its file gave: `measured` replaces
+        that.
+
+        Raises
+        ------
+        InputError
+            As `enter_calibration`, or one that is there has another date, stated or of its run.
+        """
+        if measured is not None:
+            try:
+                to_utc(measured)
+            except ValueError:
+                raise InputError(
+                    f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01 or "
+                    "2026-03-01T14:30:00+01:00",
+                    key="--measured",
+                ) from None
+        result = [make_document(source) for source in sources]
+        kinds = [_bench_kind(one.calibration) for one in result]
+        with self._transaction(write_transaction) as db:
+            numbers = tuple(
+                insertions.enter_calibration(db, one, kind, measured, self._author())
+                for one, kind in zip(result, kinds, strict=True)
+            )
+            if measured is not None:
+                for number in numbers:
+                    insertions.state_date(db, number, measured)
+            return numbers
+
+    def issue_certificate(
+        self,
+        source: Calibration | str | Path,
+        wanted: certificates.CertificateRequest,
+        measured: str,
+    ) -> certificates.CertificateEntry:
+        """Issue a certificate of a calibration with the next number; the calibration is entered.
+
+        Parameters
+        ----------
+        source : Calibration or path
+        wanted : CertificateRequest
+        measured : str
+            When the calibration was measured, ISO 8601, where it is new to the register.
+
+        Raises
+        ------
+        InputError
+            The file cannot be used, an earlier certificate is unknown, or the files of the
+            certificate cannot be made; no number is used then.
+        """
+        document = make_document(source)
+        kind = _bench_kind(document.calibration)
+        with self._transaction(write_transaction) as db:
+            who = self._author()
+            entered = insertions.enter_calibration(db, document, kind, measured, who)
+            return certificates.issue_certificate(db, entered, wanted, who)
+
+    def certificate(self, number: str) -> certificates.CertificateEntry:
+        """Return a certificate by its number.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        with self._transaction(read_transaction) as db:
+            return certificates.find_certificate(db, number)
+
+    def certificates(self) -> tuple[certificates.CertificateSummary, ...]:
+        """Return all certificates without their files, as they were issued."""
+        with self._transaction(read_transaction) as db:
+            return certificates.list_certificates(db)
+
+    def successors(self, number: str) -> tuple[tuple[str, str], ...]:
+        """Return number and change of each certificate that amends or replaces this one."""
+        with self._transaction(read_transaction) as db:
+            return certificates.successors(db, number)
+
+    def _author(self) -> insertions.EntryAuthor:
+        return insertions.EntryAuthor(self._by, utc_now())
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._engine.dispose()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _bench_kind(calibration: Calibration) -> str:
+    """Return the kind of bench that a calibration's method takes; empty for an unknown method."""
+    # Here, for methods load compiled kernels, which nobody needs who only looks.
+    from inercal.benches.kinds import kind_name_for_class
+    from inercal.methods import METHODS
+
+    method = METHODS.get(calibration.method)
+    return "" if method is None else kind_name_for_class(method.bench)
+
+
+def _user_name() -> str:
+    try:
+        return getuser()
+    except (OSError, KeyError):  # a user id without a name, as in a container
+        return "unknown"

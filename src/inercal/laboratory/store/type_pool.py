@@ -1,0 +1,277 @@
+"""How sensors of one type scatter and drift, for a sensor with too few calibrations of its own.
+
+Sensor s of the type has k_s calibrations of a coefficient at times t, with own variances and a part
+S that they share. Its level θ_s is free. All sensors and like axes have the same variances::
+
+    y = θ_s + b_s t + w(t) + e,   cov(e) = diag(s_i²) + S + τ² I
+    b_s ~ N(0, σ_b²),   w a random walk of variance q a year
+
+σ_b² is the mean square of the drifts about zero, so that an ageing which all sensors have belongs
+to it. τ², σ_b² and q maximise the restricted likelihood of all sensors together. Δt after a
+calibration with its own variance s² the coefficient of another sensor of the type is uncertain by::
+
+    U²(Δt) = t_ν² (2τ² + s² + q Δt) + t_m² σ_b² Δt² + 4 u_B²
+
+with ν = Σ (k_s − 1) over sensors and like axes, and m the number of these. Where no sensor has
+three calibrations, scatter and drift cannot be distinguished: the larger U(Δt) by scatter alone and
+by drift alone is taken. A coefficient whose sensors alone give a larger U(Δt) than all like axes
+takes its own variances, with the same ν and m.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.calibration.comparison.changes import chi2_p_value
+from inercal.estimation.uncertainty.conformity import expanded_uncertainty
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty.repeated_measurements import MeasurementBlock, pooled_variances
+from inercal.laboratory.repeatability.effects import similar_coefficients
+from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
+
+if TYPE_CHECKING:
+    from inercal.laboratory.store.register import Register
+
+MOST_SENSORS = 50
+"""How many sensors of a type are read at most: those calibrated last."""
+_ALL = (0, 1, 2)  # of `ChangeVariances`
+_ALONE = ((0,), (2,))
+_LEAST_P = 0.01  # that a sensor is of its type
+
+
+class ChangeVariances(NamedTuple):
+    """τ², q a year and σ_b² a year², SI."""
+
+    scatter: float
+    walk: float
+    slope: float
+
+
+@dataclass(frozen=True)
+class PooledChange:
+    """How one coefficient changes in sensors of a type.
+
+    Parameters
+    ----------
+    sensors : int
+    variances : tuple of ChangeVariances
+        Of all like axes, and of this coefficient alone: the larger U counts.
+    dof, slope_dof : float
+        ν and m.
+    rate : float
+        Largest change a year between two calibrations of a sensor, SI.
+    """
+
+    sensors: int
+    variances: tuple[ChangeVariances, ...]
+    dof: float
+    slope_dof: float
+    rate: float
+
+    def expanded_after(self, own: float, shared: float, years: float) -> float:
+        """Return U some years after a calibration, SI.
+
+        Parameters
+        ----------
+        own, shared : float
+            Variances of that calibration: its own, and what others share.
+        years : float
+        """
+        factor, of_slope = expanded_uncertainty(np.ones(2), np.array([self.dof, self.slope_dof]))
+        squares = [
+            factor**2 * (2 * one.scatter + own + one.walk * years)
+            + of_slope**2 * one.slope * years**2
+            for one in self.variances
+        ]
+        return float(np.sqrt(max(squares) + COVERAGE**2 * shared))
+
+    def is_of_type(self, trend: CoefficientTrend) -> bool:
+        """Tell whether a sensor's own calibrations scatter as those of its type do."""
+        if trend.time.size < 2:
+            return True
+        block = _block(trend, 1.0, 1.0)
+        largest = max(self.variances, key=sum)
+        v = block.covariance + sum(s * h @ h.T for s, h in zip(largest, block.factors, strict=True))
+        inverse = np.linalg.inv(v)
+        weights = inverse.sum(axis=0)
+        off = block.y - weights @ block.y / weights.sum()
+        return chi2_p_value(float(off @ inverse @ off), off.size - 1) >= _LEAST_P
+
+
+@dataclass(frozen=True, eq=False)
+class TypePool:
+    """What the sensors of a type say together.
+
+    Parameters
+    ----------
+    type_name : str
+        As printed, "QA 2000"; empty where the sensors were named.
+    sensors : tuple of str
+        Those with two calibrations or more.
+    changes : mapping of str to PooledChange
+        By full name of a coefficient.
+    longest : float
+        Longest interval that was seen, years.
+    """
+
+    type_name: str
+    sensors: tuple[str, ...]
+    changes: dict[str, PooledChange]
+    longest: float
+
+
+def type_pool(
+    register: "Register", own: SensorHistory, like: Sequence[str] = ()
+) -> TypePool | None:
+    """Return what the sensors of a type say; None where the type is not known or none has two.
+
+    Parameters
+    ----------
+    register : Register
+    own : SensorHistory
+        Of the sensor in question; it belongs to the pool where it has two calibrations.
+    like : sequence of str
+        Names of the other sensors; without names those whose newest calibration states the same
+        model and maker in [job].
+
+    Raises
+    ------
+    InputError
+        No sensor of that name, or one that was never calibrated or has no axis of this sensor.
+    """
+    name = "" if like else _type_name(own)
+    others = (
+        [register.history(one) for one in dict.fromkeys(like) if one != own.sensor.name]
+        if like
+        else _histories_of_type(register, own, name)
+    )
+    if like:
+        for one in others:
+            if not {t.name for t in one.trends} & {t.name for t in own.trends}:
+                raise InputError(
+                    f"--like {one.sensor.name}: it has no coefficient of {own.sensor.name}",
+                    key="--like",
+                    names=(one.sensor.name,),
+                )
+    return pool_of_histories(own, others, name)
+
+
+def pool_of_histories(
+    own: SensorHistory, others: Sequence[SensorHistory], type_name: str = ""
+) -> TypePool | None:
+    """Return what histories say together; None where no sensor has two calibrations.
+
+    Those in another frame or form than the newest calibration of `own` are left out.
+    """
+    newest = own.entries[-1].calibration
+    terms = newest.frame, newest.sensor.form
+    pooled = [
+        one
+        for one in (own, *others)
+        if (of := one.entries[-1].calibration) and (of.frame, of.sensor.form) == terms
+    ]
+    trends: dict[str, list[tuple[str, CoefficientTrend]]] = {}
+    for one in pooled:
+        for trend in one.trends:
+            if np.ptp(trend.time[-len(trend.shared) :]) > 0:
+                trends.setdefault(trend.name, []).append((one.sensor.name, trend))
+    names = [one.name for one in own.trends if one.name in trends]
+    if not names:
+        return None
+    changes: dict[str, PooledChange] = {}
+    for places in similar_coefficients(newest.sensor, names).values():
+        alike = [names[k] for k in places]
+        found = [trend for name in alike for _, trend in trends[name]]
+        together = pooled_change(found)
+        for name in alike:
+            mine = [trend for _, trend in trends[name]]
+            alone = pooled_change(mine) if len(alike) > 1 else together
+            changes[name] = replace(
+                alone,
+                variances=(*together.variances, *alone.variances),
+                dof=together.dof,
+                slope_dof=together.slope_dof,
+            )
+    used = {sensor for of_name in trends.values() for sensor, _ in of_name}
+    gaps = [float(np.diff(one.time).max()) for name in names for _, one in trends[name]]
+    return TypePool(
+        type_name,
+        tuple(one.sensor.name for one in pooled if one.sensor.name in used),
+        changes,
+        max(gaps),
+    )
+
+
+def pooled_change(found: Sequence[CoefficientTrend]) -> PooledChange:
+    """Return how coefficients change that have the same variances, with two values or more each."""
+    parts = (_ALL,) if max(len(one.shared) for one in found) > 2 else _ALONE
+    return PooledChange(
+        len(found),
+        tuple(_variances(found, one) for one in parts),
+        float(sum(len(one.shared) - 1 for one in found)),
+        float(len(found)),
+        max(map(_rate, found)),
+    )
+
+
+def _type_name(own: SensorHistory) -> str:
+    job = own.entries[-1].calibration.job
+    return " ".join(job[key] for key in ("maker", "model") if key in job) if "model" in job else ""
+
+
+def _histories_of_type(register: "Register", own: SensorHistory, name: str) -> list[SensorHistory]:
+    if not name:
+        return []
+    found: list[SensorHistory] = []
+    sensors = sorted(register.sensors(), key=lambda one: one.last or "", reverse=True)
+    for one in sensors:
+        if one.calibrations < 2 or one.id == own.sensor.id:
+            continue
+        (newest,) = register.calibrations(one.id, 1)
+        job = newest.calibration.job
+        stated = own.entries[-1].calibration.job
+        if all(job.get(key) == stated.get(key) for key in ("maker", "model")):
+            found.append(register.history(one.id))
+        if len(found) == MOST_SENSORS:
+            break
+    return found
+
+
+def _rate(trend: CoefficientTrend) -> float:
+    gaps = np.diff(trend.time)
+    steps = np.abs(np.diff(trend.values))
+    return float((steps[gaps > 0] / gaps[gaps > 0]).max())
+
+
+def _block(trend: CoefficientTrend, unit: float, span: float) -> MeasurementBlock:
+    """Return the newest values in a unit, with factors of τ, q and σ_b; times in spans."""
+    n = len(trend.shared)
+    at = (trend.time[-n:] - trend.time[-n]) / span
+    walk = np.tril(np.ones((n, n))) * np.sqrt(np.diff(at, prepend=at[0]))
+    known = np.diag(trend.independent_variance) + trend.shared
+    values = trend.values[-n:]
+    return MeasurementBlock(
+        (values - values.mean()) / unit,
+        np.ones((n, 1)),
+        known / unit**2,
+        (np.eye(n), walk, at[:, None]),
+    )
+
+
+def _variances(found: Sequence[CoefficientTrend], parts: tuple[int, ...]) -> ChangeVariances:
+    """Return the variances that trends have in common; 0 but for chosen parts."""
+    newest = [(one.values[-len(one.shared) :], one.std[-len(one.shared) :]) for one in found]
+    within = np.mean([np.var(values, ddof=1) for values, _ in newest])
+    unit = float(np.sqrt(within + np.mean([np.mean(std**2) for _, std in newest])))
+    span = max(float(np.ptp(one.time[-len(one.shared) :])) for one in found)
+    blocks = [_block(one, unit, span) for one in found]
+    blocks = [one._replace(factors=[one.factors[k] for k in parts]) for one in blocks]
+    start = np.full(len(parts), 0.2 * float(within) / unit**2)
+    tau2, walk, slope = np.bincount(parts, pooled_variances(blocks, start).variance, minlength=3)
+    square = unit**2
+    return ChangeVariances(
+        square * float(tau2), square * float(walk) / span, square * float(slope) / span**2
+    )

@@ -1,0 +1,252 @@
+"""Residuals shared by methods: readings minus the readings of the model.
+
+Vector observation: the mean reading of each row minus the model's reading of its motion,
+y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to the parameters
+of the motion. Norm observation: the attitude is unknown, and only the norm of the sensed motion is
+compared. A compiled kernel computes trials of three accelerometers from their declared terms.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.estimation.problem import NormalEquations
+from inercal.methods.residuals.term_table import TermTable, term_table
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor, inverse, three_axes
+
+
+def vector_residuals(
+    sensor: Sensor, y: Array, c: Array, motion: Motion, df: Array, dw: Array | None
+) -> tuple[Array, Array]:
+    """Return the residuals, (..., r·m), and ∂h/∂(c, q), (..., r·m, p + q).
+
+    Parameters
+    ----------
+    sensor : Sensor
+    y : (..., r, m) array
+        Readings in SI.
+    c : (..., p) array
+        Coefficients in SI.
+    motion : Motion
+        Motion of each row, (..., r, 3).
+    df, dw : (..., r, 3, q) arrays
+        Derivatives of specific force and rate to the nuisances; `dw` None is zero.
+    """
+    reading, design, slope = sensor.linearise(motion, c)
+    residual = y - reading
+    p, q = design.shape[-1], df.shape[-1]
+    # Trials may differ in the slope alone, where the motion is exact in all of them.
+    rows = np.broadcast_shapes(design.shape[:-2], *((df.shape[:-2], slope.shape[:-2]) if q else ()))
+    jacobian = np.empty((*rows, len(sensor.axes), p + q))
+    jacobian[..., :p] = design
+    if q:
+        jacobian[..., p:] = slope[..., :3] @ df
+    if q and dw is not None:
+        jacobian[..., p:] += slope[..., 3:] @ dw
+    flat = (*residual.shape[:-2], -1)
+    return residual.reshape(flat), jacobian.reshape(*jacobian.shape[:-3], -1, p + q)
+
+
+class NormResiduals(NamedTuple):
+    """Result of `norm_residuals`; shapes for r rows, m axes and p coefficients."""
+
+    residual: Array  # (..., r), m/s²
+    jacobian: Array  # (..., r, p + 1), of ‖f̂‖ − g to the coefficients and g
+    specific_force: Array  # (..., r, 3), f̂
+    up: Array  # (..., r, 3), f̂ / ‖f̂‖
+    design: Array  # (..., r, m, p), ∂h/∂c at f̂
+    by_reading: Array  # (..., r or 1, 3, m), ∂f̂/∂y
+    norm_by_reading: Array  # (..., r, m), ∂‖f̂‖/∂y
+    by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero where no ω was given
+
+    @property
+    def by_coefficient(self) -> Array:
+        """∂f̂/∂c, (..., r, 3, p)."""
+        return -self.by_reading @ self.design
+
+
+def norm_residuals(
+    sensor: Sensor,
+    y: Array,
+    c: Array,
+    g: Array,
+    w: Array | None = None,
+    dT: Array | float = 0.0,
+) -> NormResiduals:
+    """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
+
+    By h(f̂; c) = y the derivative of f̂ is −S⁻¹ ∂h/∂c to the coefficients and S⁻¹ to the reading,
+    with S = ∂h/∂f; that of ‖f̂‖ is the part along f̂. Readings beyond the fold of the model have the
+    residual NaN, so that an optimiser rejects the step.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Accelerometers alone, three or more.
+    y : (..., r, m) array
+        Readings in SI.
+    c : (..., p) array
+        Coefficients in SI.
+    g : (..., r) or (..., 1) array
+        Norm of specific force in each row, or in all rows, m/s².
+    w : (..., r, 3) array, optional
+        Angular rate, rad/s, where lever arms are modelled.
+    dT : (..., r) array or float
+        Temperature minus the sensor's reference temperature, K.
+    """
+    sensed = inverse(sensor, y, c, w=w, dT=dT, refuse=False).f
+    seen = np.asarray(np.isfinite(sensed).all(axis=-1))
+    if not seen.all():
+        sensed = np.where(seen[..., None], sensed, 1.0)
+    motion = Motion(sensed, dT=dT) if w is None else Motion(sensed, w, dT=dT)
+    _, design, slope = sensor.linearise(motion, c)
+    by_force = slope[..., :3]
+    back = (
+        three_axes.invert(by_force)
+        if len(sensor.axes) == 3
+        else np.asarray(np.linalg.pinv(by_force), dtype=np.float64)
+    )
+    length = np.linalg.norm(sensed, axis=-1)
+    up = sensed / length[..., None]
+    along = up[..., None, :] @ back
+    jacobian = np.empty((*length.shape, c.shape[-1] + 1))
+    jacobian[..., :-1] = -(along @ design)[..., 0, :]
+    jacobian[..., -1] = -1.0
+    by_rate: Array = np.broadcast_to(0.0, sensed.shape)
+    if w is not None:
+        by_rate = -(along @ slope[..., 3:])[..., 0, :]
+    residual = np.where(seen, g - length, np.nan)
+    return NormResiduals(residual, jacobian, sensed, up, design, back, along[..., 0, :], by_rate)
+
+
+class NoisyNormResiduals(NamedTuple):
+    """Result of `noisy_norm_residuals`; shapes for r rows and p coefficients."""
+
+    residual: Array  # (..., r), m/s²
+    jacobian: Array  # (..., r, p), of ‖f̂‖ to the coefficients
+    variance: Array  # (..., r), of ‖f̂‖ by the readings' noise, (m/s²)²
+    by_rate: Array  # (..., r, 3), of ‖f̂‖ to ω; zero without lever arms
+
+
+def noisy_norm_residuals(
+    sensor: Sensor,
+    y: Array,
+    covariance: Array,
+    c: Array,
+    made: Array,
+    w: Array | None = None,
+    dT: Array | float = 0.0,
+) -> NoisyNormResiduals:
+    """Return the residuals of `norm_residuals` and their variance from the noise along f̂.
+
+    Parameters
+    ----------
+    sensor, y, c
+        As of `norm_residuals`.
+    covariance : (..., r, m, m) array
+        Covariance of the readings in each row.
+    made : (..., r) array
+        Norm of specific force in each row, m/s².
+    w : (..., r, 3) array, optional
+    dT : (..., r) array or float
+        As of `norm_residuals`.
+    """
+    lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
+    table = term_table(sensor) if len(lead) == 1 else None
+    if table is not None:
+        # NumPy allocates large pages, which the solver reads faster than memory of compiled code.
+        jacobian = np.empty((*lead, y.shape[-2], c.shape[-1]))
+        bench = StatedNorms(made, np.zeros((0, *made.shape)), np.zeros_like(made))
+        x = np.broadcast_to(c, (*lead, c.shape[-1]))
+        which = np.arange(lead[0], dtype=np.int64)
+        found = _norm_kernel(table, y, covariance, dT, bench, x, which, jacobian)
+        none: Array = np.broadcast_to(0.0, (*lead, y.shape[-2], 3))
+        return NoisyNormResiduals(found.residual, jacobian, found.weight**-2.0, none)
+    seen = norm_residuals(sensor, y, c, made, w, dT)
+    along = seen.norm_by_reading
+    variance = np.einsum("...i,...ij,...j->...", along, covariance, along)
+    return NoisyNormResiduals(seen.residual, seen.jacobian[..., :-1], variance, seen.by_rate)
+
+
+class StatedNorms(NamedTuple):
+    """Norms of specific force in r rows as a bench states them, for s trials or one for all."""
+
+    norm: Array  # (..., r), m/s²
+    derivatives: Array  # (q, ..., r), by the bench's parameters
+    variance: Array  # (..., r), by the errors of each row, (m/s²)²
+
+
+def norm_normal_equations(
+    table: TermTable,
+    y: Array,
+    covariance: Array,
+    dT: Array | float,
+    stated: StatedNorms,
+    x: Array,
+    which: NDArray[np.intp],
+) -> NormalEquations:
+    """Return the normal equations of trials by the residuals of `noisy_norm_residuals`.
+
+    Parameters
+    ----------
+    table : TermTable
+        Of the sensor.
+    y, covariance, dT
+        Of all trials, or shared by them, as of `noisy_norm_residuals`.
+    stated : StatedNorms
+        Of these trials, or shared by them.
+    x : (s, p + q) array
+        Coefficients and the bench's parameters of these trials, SI.
+    which : (s,) array of int
+        Places of these trials.
+    """
+    return _norm_kernel(table, y, covariance, dT, stated, x, which, np.empty((0, 0, 0)))
+
+
+def _norm_kernel(
+    table: TermTable,
+    y: Array,
+    covariance: Array,
+    dT: Array | float,
+    stated: StatedNorms,
+    x: Array,
+    which: NDArray[np.intp],
+    jacobian: Array,
+) -> NormalEquations:
+    from inercal.methods.residuals import _kernels
+    from inercal.methods.residuals._force_inversion import Model, Rows
+
+    (count, k), r = x.shape, y.shape[-2]
+    warmth = np.broadcast_to(dT, (*np.shape(dT)[:-1], r))
+    derivatives = stated.derivatives.reshape(len(stated.derivatives), stated.norm.size // r, r)
+    found = NormalEquations(
+        np.empty((count, r)),
+        np.empty((count, r)),
+        np.empty((count, r)),
+        np.empty((count, k * (k + 1) // 2)),
+        np.empty((count, k)),
+    )
+    # Copies of what is small: numba compiles once more for an array that is read-only.
+    _kernels.norm_kernel(
+        table,
+        (
+            np.ascontiguousarray(y.reshape(-1, r, 3)),
+            np.ascontiguousarray(covariance.reshape(-1, r, 3, 3)),
+            np.array(np.atleast_2d(warmth), order="C"),
+        ),
+        (
+            np.array(np.atleast_2d(stated.norm), order="C"),
+            derivatives.copy(),
+            np.array(np.atleast_2d(stated.variance), order="C"),
+        ),
+        np.array(x, order="C"),
+        which,
+        Model.empty(),
+        Rows.empty(r, k),
+        found,
+        jacobian,
+    )
+    return found

@@ -1,0 +1,146 @@
+"""Compiled operations on the rows of a trial, which lie side by side in the last axis.
+
+Each writes one or two rows from few: the compiler then proves that they do not overlap, and
+vectorises the loop. Without reference counts, which `INNER` leaves out, a row of an array costs
+nothing; functions with it allocate nothing, and only compiled code can call them.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+from typing import Any
+
+from numba import njit
+
+from inercal.basics.arrays import Array
+
+INNER: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract"},
+    "_nrt": False,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+# What other code calls.
+KERNEL: dict[str, Any] = {**INNER, "no_cpython_wrapper": False, "no_cfunc_wrapper": False}
+# A sum may be taken in any order.
+SUM: dict[str, Any] = {**INNER, "fastmath": {"contract", "reassoc", "nsz"}}
+
+
+@njit(**INNER)
+def fill(value: float, row: Array) -> None:
+    """Fill a row."""
+    for n in range(row.size):
+        row[n] = value
+
+
+@njit(**INNER)
+def copy(row: Array, result: Array) -> None:
+    """Copy a row."""
+    for n in range(row.size):
+        result[n] = row[n]
+
+
+@njit(**INNER)
+def add(step: Array, factor: float, total: Array) -> None:
+    """Add factor · step to a row."""
+    for n in range(step.size):
+        total[n] += factor * step[n]
+
+
+@njit(**INNER)
+def scale(factor: Array, row: Array) -> None:
+    """Multiply a row by factors."""
+    for n in range(row.size):
+        row[n] *= factor[n]
+
+
+@njit(**INNER)
+def add_product(a: Array, b: Array, total: Array) -> None:
+    """Add a · b to a row."""
+    for n in range(total.size):
+        total[n] += a[n] * b[n]
+
+
+@njit(**INNER)
+def divide(slope: Array, step: Array) -> None:
+    """Divide a row by slopes."""
+    for n in range(step.size):
+        step[n] /= slope[n]
+
+
+@njit(**INNER)
+def combine(x: Array, factor: Array, out: Array) -> None:
+    """Write the combination of rows x (3, r), out (r,)."""
+    a, b, c = factor[0], factor[1], factor[2]
+    x0, x1, x2 = x[0], x[1], x[2]
+    for n in range(out.size):
+        out[n] = a * x0[n] + b * x1[n] + c * x2[n]
+
+
+@njit(**INNER)
+def combine_column(x: Array, factor: Array, i: int, out: Array) -> None:
+    """Write the same with the factors of column i, (3, 3)."""
+    a, b, c = factor[0, i], factor[1, i], factor[2, i]
+    x0, x1, x2 = x[0], x[1], x[2]
+    for n in range(out.size):
+        out[n] = a * x0[n] + b * x1[n] + c * x2[n]
+
+
+@njit(**INNER)
+def multiply(x: Array, y: Array, total: Array) -> None:
+    """Write Σ x y over three rows."""
+    x0, x1, x2, y0, y1, y2 = x[0], x[1], x[2], y[0], y[1], y[2]
+    for n in range(total.size):
+        total[n] = x0[n] * y0[n] + x1[n] * y1[n] + x2[n] * y2[n]
+
+
+@njit(**INNER)
+def multiply_column(x: Array, y: Array, m: int, total: Array) -> None:
+    """Write Σ x y over three rows, of column m of y (3, 3, r)."""
+    x0, x1, x2, y0, y1, y2 = x[0], x[1], x[2], y[0, m], y[1, m], y[2, m]
+    for n in range(total.size):
+        total[n] = x0[n] * y0[n] + x1[n] * y1[n] + x2[n] * y2[n]
+
+
+@njit(**INNER)
+def minor(a: Array, b: Array, c: Array, d: Array, result: Array) -> None:
+    """Write a b − c d."""
+    for n in range(result.size):
+        result[n] = a[n] * b[n] - c[n] * d[n]
+
+
+@njit(**INNER)
+def set_slope(along: float, outer: Array, bent: float, slope: Array) -> None:
+    """Write along · outer + bent."""
+    for n in range(slope.size):
+        slope[n] = along * outer[n] + bent
+
+
+@njit(**INNER)
+def raise_size(a: Array, size: Array) -> None:
+    """Raise sizes to those of a row."""
+    for n in range(a.size):
+        size[n] = max(size[n], abs(a[n]))
+
+
+@njit(**SUM)
+def dot(a: Array, b: Array) -> float:
+    """Return a·b."""
+    total = 0.0
+    for n in range(a.size):
+        total += a[n] * b[n]
+    return total
+
+
+@njit(**SUM)
+def dots(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float, float, float]:
+    """Return a·c, a·d, b·c and b·d."""
+    ac, ad, bc, bd = 0.0, 0.0, 0.0, 0.0
+    for n in range(a.size):
+        ac += a[n] * c[n]
+        ad += a[n] * d[n]
+        bc += b[n] * c[n]
+        bd += b[n] * d[n]
+    return ac, ad, bc, bd

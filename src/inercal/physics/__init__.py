@@ -1,0 +1,1 @@
+"""The sensor model, frames, the earth, motion and plans."""

@@ -1,0 +1,111 @@
+"""The terms of the interface, the reports and the public names, with symbols, units and sources.
+
+`glossary.toml` has the terms, and the tables of the sensors have the coefficients.
+docs/reference/glossary.md is the output of ``python -m inercal.physics.glossary``.
+"""
+
+import re
+import tomllib
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple
+
+from inercal.physics.sensors.coefficient_tables import ACCELEROMETER, GYRO, ErrorTerm
+
+_INTRODUCTION = """# Glossary
+
+The terms of inercal's interface, reports and public names. Definitions are in our words; the source
+is where a term is defined or used in this sense: IEEE Std 528 (inertial sensor terminology), 836
+(precision centrifuge testing), 952 (fibre-optic gyros), 1293 (accelerometers), 1431 (Coriolis
+vibratory gyros), 1554 (inertial sensor test equipment), VIM (JCGM 200), GUM (JCGM 100).
+[The error model](model.md) has the equations and signs.
+"""
+
+
+class Term(NamedTuple):
+    """One term.
+
+    Parameters
+    ----------
+    name, text : str
+        The term and its definition.
+    symbol, unit, source : str
+        Empty if none.
+    """
+
+    name: str
+    text: str
+    symbol: str = ""
+    unit: str = ""
+    source: str = ""
+
+    @property
+    def anchor(self) -> str:
+        """The name as part of an address."""
+        return re.sub(r"[^a-z0-9]+", "-", self.name.lower().replace("é", "e")).strip("-")
+
+
+class TermGroup(NamedTuple):
+    """The terms of a field; `prefix` makes the anchors of the coefficients' groups distinct."""
+
+    title: str
+    terms: tuple[Term, ...]
+    prefix: str = ""
+
+
+@cache
+def glossary() -> tuple[TermGroup, ...]:
+    """Return all terms by field; the coefficients come last."""
+    content = tomllib.loads(files("inercal").joinpath("glossary.toml").read_text(encoding="utf-8"))
+    groups = [
+        TermGroup(group["title"], tuple(Term(**term) for term in group["terms"]))
+        for group in content["group"]
+    ]
+    for title, table in (("accelerometers", ACCELEROMETER), ("gyros", GYRO)):
+        terms = tuple(map(_coefficient_term, table))
+        groups.append(TermGroup(f"Coefficients of {title}", terms, f"{title}-"))
+    return tuple(groups)
+
+
+def _coefficient_term(coefficient: ErrorTerm) -> Term:
+    text = f"{coefficient.meaning[0].upper()}{coefficient.meaning[1:]}."
+    return Term(coefficient.name, text, coefficient.symbol, coefficient.unit)
+
+
+@cache
+def _terms_by_name() -> dict[str, Term]:
+    named: dict[str, Term] = {}
+    for group in glossary():
+        for term in group.terms:
+            named.setdefault(term.name, term)
+            if term.symbol:
+                named.setdefault(term.symbol, term)
+    return named
+
+
+def find_term(name: str) -> Term:
+    """Return a term by its name or its symbol.
+
+    Raises
+    ------
+    KeyError
+        The glossary has no such term.
+    """
+    return _terms_by_name()[name]
+
+
+def glossary_markdown() -> str:
+    """Return the page of the documentation."""
+    parts = [_INTRODUCTION]
+    for group in glossary():
+        heads = "| term | symbol | unit | definition | source |\n|---|---|---|---|---|"
+        lines = (
+            f"| {term.name} | {term.symbol} | {term.unit} | {term.text} | {term.source} |"
+            for term in group.terms
+        )
+        parts.append(f"## {group.title}\n\n{heads}\n" + "\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    print(glossary_markdown(), end="")

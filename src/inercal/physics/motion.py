@@ -1,0 +1,40 @@
+"""The motion at a sensor: specific force, angular rate, angular acceleration.
+
+All vectors are in the sensor's frame. `f` is specific force: an accelerometer at rest reads +g
+along the upward vertical. Arrays may carry leading axes of trials: `(..., n, 3)`.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+
+
+def _zero_vector() -> Array:
+    return np.zeros((1, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Specific force, angular rate, its derivative and temperature, sample by sample.
+
+    Parameters
+    ----------
+    f : (..., n, 3) array
+        Specific force at the sensor's origin, m/s².
+    w : (..., n, 3) array
+        Angular rate against inertial space, rad/s.
+    dw : (..., n, 3) array
+        Time derivative of `w`, rad/s².
+    dT : (..., n) array or float
+        Temperature minus the sensor's reference temperature, K.
+    dTdt : (..., n) array or float
+        Time derivative of the temperature, K/s.
+    """
+
+    f: Array
+    w: Array = field(default_factory=_zero_vector)
+    dw: Array = field(default_factory=_zero_vector)
+    dT: Array | float = 0.0
+    dTdt: Array | float = 0.0

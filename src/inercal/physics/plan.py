@@ -1,0 +1,340 @@
+"""A plan: the steps that a bench carries out, simulated or real.
+
+The label of a step names its section of the recording.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import acos, cos, degrees, inf, isfinite, pi, sin, sqrt
+from typing import Literal, Protocol
+
+from inercal.basics.errors import InputError
+
+Vector = tuple[float, float, float]
+_MOST_AXES = 3  # of a turntable
+_NOTICED = 0.15  # of a unit vector: `describe_direction` omits a smaller component
+AXES: dict[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Keep the sensor still with its body direction `up` (unit vector) against gravity."""
+
+    label: str
+    up: Vector
+    seconds: float
+
+    def describe(self) -> str:
+        """Return what to do: "−z up", "+z up, tilted 45° (+x rises)"."""
+        main, tilted, rest = describe_direction(self.up).partition(" tilted ")
+        return f"{main} up" + (f", {tilted.lstrip()}{rest}" if tilted else "")
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Turn the sensor about its body direction `axis` (unit vector) by `angle`, rad.
+
+    The axis points vertically up; a positive angle is counter-clockwise seen from above.
+    """
+
+    label: str
+    axis: Vector
+    angle: float
+    seconds: float
+
+    def describe(self) -> str:
+        """Return what to do: "turn by +360° about +z"."""
+        return f"turn by {self.angle * 180 / pi:+.0f}° about {describe_direction(self.axis)}"
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """An attitude on the arm of a centrifuge: the outward and the upward direction in the body.
+
+    `out` (unit vector) points from the spindle to the sensor, `up` (unit vector, at right angles)
+    along the spindle. Attitudes of different names are different mountings; "" is unnamed.
+    """
+
+    out: Vector
+    up: Vector
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Spin:
+    """Turn the arm of a centrifuge at a steady `rate`, rad/s, the sensor in one attitude.
+
+    Parameters
+    ----------
+    label : str
+    rate : float
+        rad/s against the ground, positive in the sense of the bench.
+    seconds : float
+        Length of the dwell; 0 is an unknown number of whole turns.
+    attitude : Attitude or None
+        None is unknown: the norm of readings does not depend on it.
+    azimuth : float or None
+        Azimuth of the arm, rad, where the row is of one azimuth, as on a platform that turns
+        against the arm. None is the mean over the dwell.
+    """
+
+    label: str
+    rate: float
+    seconds: float = 0.0
+    attitude: Attitude | None = None
+    azimuth: float | None = None
+
+    def describe(self) -> str:
+        """Return what to do: "spin at 60 rpm, +x outwards, −z up", "at rest, +z up"."""
+        text = f"spin at {self.rate * 30 / pi:.4g} rpm".replace("-", "−")
+        if self.rate == 0:
+            text = "at rest"
+        if self.attitude is None:
+            return text
+        return (
+            f"{text}, {describe_direction(self.attitude.out)} outwards, "
+            f"{describe_direction(self.attitude.up)} up"
+        )
+
+
+@dataclass(frozen=True)
+class Index:
+    """Turn a dividing head to an angle and hold it there.
+
+    Parameters
+    ----------
+    label : str
+    angle : float
+        Of the head, rad.
+    sense : 1 or -1
+        Of the pass: forward or reverse.
+    level : float
+        Tilt of the base about the spindle by a level on it, rad, in the sense of `angle`.
+    reading : float
+        Reading of the autocollimator minus that of the nominal angle, rad, in the sense of `angle`.
+    seconds : float
+        Length of the hold.
+
+    Raises
+    ------
+    InputError
+        An angle, a level or a reading that is not finite.
+    """
+
+    label: str
+    angle: float
+    sense: Literal[1, -1] = 1
+    level: float = 0.0
+    reading: float = 0.0
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("angle", "level", "reading"):
+            if not isfinite(value := getattr(self, name)):
+                raise _step_error(self, name, f"its {name} is {value}; it must be finite")
+
+    def describe(self) -> str:
+        """Return what to do: "head at 30°, forward"."""
+        return f"head at {degrees(self.angle):.6g}°, {'forward' if self.sense > 0 else 'reverse'}"
+
+
+@dataclass(frozen=True)
+class Position:
+    """Bring the axes of a turntable to angles and stay there.
+
+    Parameters
+    ----------
+    label : str
+    angles : tuple of 1 to 3 float
+        rad, the outermost axis first; an axis goes to the nearest of the equivalent angles.
+    seconds : float
+        Length of the hold.
+
+    Raises
+    ------
+    InputError
+        Other than one to three angles, an angle that is not finite, a hold that is not > 0.
+    """
+
+    label: str
+    angles: tuple[float, ...]
+    seconds: float
+
+    def __post_init__(self) -> None:
+        _refuse_angles(self, self.angles)
+        if not 0 < self.seconds < inf:
+            raise _step_error(
+                self, "seconds", f"its duration is {self.seconds:.6g} s; it must be > 0"
+            )
+
+    def describe(self) -> str:
+        """Return what to do: "axes at 90°, 45°, 0°"."""
+        return f"{'axes' if len(self.angles) > 1 else 'axis'} at {_format_degrees(self.angles)}"
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """Turn one axis of a turntable from its present angle, from rest to rest.
+
+    Parameters
+    ----------
+    label : str
+    axis : 0, 1 or 2
+        0 is the outermost.
+    angle : float
+        rad, right-handed about the axis; it may be several turns.
+    rate : float
+        rad/s in the steady part, > 0; a turn too short to reach it stays below.
+    angles : tuple of float or None
+        rad, to which all axes are brought first; None is their present angles.
+
+    Raises
+    ------
+    InputError
+        No such axis, an angle that is zero, a rate that is not > 0, or a value that is not finite.
+    """
+
+    label: str
+    axis: int
+    angle: float
+    rate: float
+    angles: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.angles is not None:
+            _refuse_angles(self, self.angles)
+        if self.axis not in range(most := _MOST_AXES if self.angles is None else len(self.angles)):
+            raise _step_error(self, "axis", f"its axis is {self.axis}; it must be 0 to {most - 1}")
+        if not isfinite(self.angle) or self.angle == 0:
+            raise _step_error(
+                self, "angle", f"its angle is {self.angle}; it must be finite and not 0"
+            )
+        if not 0 < self.rate < inf:
+            raise _step_error(self, "rate", f"its rate is {self.rate} rad/s; it must be > 0")
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the angle at the rate, without the time to speed up and to slow down."""
+        return abs(self.angle) / self.rate
+
+    def describe(self) -> str:
+        """Return what to do: "turn the outermost axis by +720° at 10 °/s"."""
+        turn = f"turn the {('outermost', 'second', 'third')[self.axis]} axis by "
+        turn += f"{degrees(self.angle):+.6g}° at {degrees(self.rate):.6g} °/s"
+        return turn if self.angles is None else f"{turn}, from {_format_degrees(self.angles)}"
+
+
+HandStep = Hold | Turn
+TableStep = Position | Rotation
+
+
+class Step(Protocol):
+    """One step of a plan; a kind of bench in another package may have its own steps."""
+
+    @property
+    def label(self) -> str:
+        """Its name, in rows and recordings."""
+        ...
+
+    @property
+    def seconds(self) -> float:
+        """Duration; 0 where nothing depends on it."""
+        ...
+
+    def describe(self) -> str:
+        """Return what to do, in words."""
+        ...
+
+
+def table_steps(steps: Iterable[Step]) -> list[TableStep]:
+    """Return the positions and rotations of a plan: on a turntable all of its steps."""
+    return [step for step in steps if isinstance(step, Position | Rotation)]
+
+
+def _refuse_angles(step: Step, angles: tuple[float, ...]) -> None:
+    if not 1 <= len(angles) <= _MOST_AXES:
+        text = f"it has {len(angles)} angles; a turntable has one to three axes"
+        raise _step_error(step, "angles", text)
+    if not all(map(isfinite, angles)):
+        raise _step_error(step, "angles", f"its angles are {angles}; each must be finite")
+
+
+def _step_error(step: Step, key: str, text: str) -> InputError:
+    """Return the refusal of a field of a step: "position p1: seconds is 0; it must be > 0"."""
+    kind = "rotation" if isinstance(step, Rotation) else "position"
+    return InputError(f"{kind} {step.label}: {text}", key=key, names=(step.label,))
+
+
+def _format_degrees(angles: tuple[float, ...]) -> str:
+    return ", ".join(f"{degrees(angle):.6g}°" for angle in angles)
+
+
+def describe_direction(vector: Vector) -> str:
+    """Return a body direction in words: the nearest axis, and the axes that rise when it is up.
+
+    >>> describe_direction((0.0, 0.0, -1.0))
+    '−z'
+    >>> describe_direction((0.7071, 0.0, 0.7071))
+    '+z tilted 45° (+x rises)'
+    """
+    # Of equal components the last axis is the main axis: most housings lie with z up.
+    names = [
+        (("+" if part > 0 else "−") + name, abs(part))
+        for part, name in zip(vector[::-1], reversed(AXES), strict=True)
+    ]
+    (main, size), *others = sorted(names, key=lambda pair: -round(pair[1], 6))
+    length = sqrt(sum(part**2 for part in vector))
+    angle = degrees(acos(min(size / length, 1.0)))
+    rising = [name for name, part in others if part > _NOTICED * length]
+    if not rising or round(angle) == 0:
+        return main
+    verb = "rises" if len(rising) == 1 else "rise"
+    return f"{main} tilted {angle:.0f}° ({' and '.join(rising)} {verb})"
+
+
+def arm_attitude(psi: float, theta: float) -> Attitude:
+    """Return the attitude of a two-axis dividing head on the arm, at rad ψ and θ.
+
+    Outwards is (cos ψ cos θ, sin ψ, cos ψ sin θ) in the body, up is (sin θ, 0, −cos θ): the
+    positions of Wang and Li 2021.
+    """
+    out = (cos(psi) * cos(theta), sin(psi), cos(psi) * sin(theta))
+    return Attitude(out, (sin(theta), 0.0, -cos(theta)))
+
+
+def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:
+    """Return the holds x_p, x_a, y_p, …: each axis up (p), then down (a)."""
+    holds: list[Hold] = []
+    for name, (x, y, z) in AXES.items():
+        holds += [Hold(name + "_p", (x, y, z), seconds), Hold(name + "_a", (-x, -y, -z), seconds)]
+    return tuple(holds)
+
+
+def ferraris_plan(
+    seconds: float = 10.0, angle: float | tuple[float, ...] = 2 * pi, turn_seconds: float = 8.0
+) -> tuple[HandStep, ...]:
+    """Return the six holds and the turns x_rot, y_rot, z_rot (Ferraris et al. 1995).
+
+    Parameters
+    ----------
+    seconds, turn_seconds : float
+        Length of each hold and of each turn.
+    angle : float or tuple of 3 float
+        rad, of all turns, or of those about x, y and z.
+
+    Raises
+    ------
+    InputError
+        Another number of angles than one or three.
+    """
+    angles = angle if isinstance(angle, tuple) else (angle,) * len(AXES)
+    if len(angles) != len(AXES):
+        raise InputError(
+            f"turn has {len(angles)} angles; give one, or three, of the turns about x, y and z",
+            key="[method] turn",
+        )
+    turns = [
+        Turn(f"{name}_rot", axis, of_axis, turn_seconds)
+        for (name, axis), of_axis in zip(AXES.items(), angles, strict=True)
+    ]
+    return (*six_positions(seconds), *turns)

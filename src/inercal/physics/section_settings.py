@@ -1,0 +1,216 @@
+"""The base of the sections of a run file, and the conversion of their quantities to SI.
+
+A section is a model whose values with units are text: "60 µg/√Hz". A key has an example where its
+default is none or says nothing: error messages show it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+
+from inercal.basics.errors import InputError
+from inercal.basics.units import Measured, parse_quantity
+from inercal.physics.earth import gravity_at_unknown_height, normal_gravity
+
+
+class Limit(NamedTuple):
+    """The largest possible value of a deviation, SI, and its meaning: "a bench can tilt, 1°"."""
+
+    value: float
+    meaning: str
+
+
+_MIDDLE_LATITUDE = 0.785  # rad
+_GRAVITY_RANGE = 0.08  # m/s², from the equator to the poles and to the heights where people live
+# The estimators neglect the square of a tilt.
+SMALL_ANGLE = Limit(0.0175, "a bench can tilt, 1°")
+# Keys that enter no result: names, and the truth of a simulation.
+DESCRIPTION: dict[str, JsonValue] = {"role": "description"}
+# Keys that shape only the plan or its simulation: limits of a table's motion, and the position of
+# the IMU on it, because accelerometers are used only at rest.
+PLANNING: dict[str, JsonValue] = {"role": "plan"}
+
+
+@dataclass(frozen=True)
+class BenchUsage:
+    """How a run uses its bench, as far as keys of the bench depend on it.
+
+    Parameters
+    ----------
+    method : str
+    turns : bool
+        Whether its plan has turns of a known angle.
+    attitudes : bool
+        Whether the method knows the attitudes; otherwise it estimates them.
+    gyros : bool
+        Whether there are gyros.
+    means : bool
+        Whether the data are means.
+    rest : bool
+        Whether the whole recording is one rest.
+    angles : bool
+        Whether the angles of a table are used.
+    qualified : tuple of str
+        Keys of [bench] that a qualification replaces.
+    """
+
+    method: str
+    turns: bool
+    attitudes: bool
+    gyros: bool
+    means: bool
+    rest: bool = False
+    angles: bool = True
+    qualified: tuple[str, ...] = ()
+
+
+class Section(BaseModel):
+    """A section of a run file: a key that it does not declare is refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+MISSING_GRAVITY = 'give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)'
+
+
+class BenchSection(Section):
+    """[bench]: what every kind has. Gravity is given, or computed from latitude and height."""
+
+    gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
+    latitude: str | None = Field(None, examples=["48.1 °"])
+    height: str | None = Field(None, examples=["520 m"])
+    qualification: str | tuple[str, ...] | None = Field(
+        None,
+        description="files of inercal qualify, in place of keys",
+        examples=["head.qualification.json"],
+    )
+    name: str = Field(
+        "",
+        description="what the laboratory calls it",
+        examples=["table 2"],
+        json_schema_extra=DESCRIPTION,
+    )
+    check_standard: str | None = Field(
+        None,
+        description="file of inercal control: the check standard of this bench",
+        examples=["REF-1.control.json"],
+    )
+    check_standard_age: str | None = Field(
+        None,
+        description="longest time from its last measurement to the run",
+        examples=["24 h"],
+    )
+
+    @property
+    def without_gravity(self) -> bool:
+        """Whether a method of this kind of bench may do without gravity."""
+        return False
+
+    @model_validator(mode="after")
+    def _gravity_is_known(self) -> "BenchSection":
+        if self.gravity is None and self.latitude is None and not self.without_gravity:
+            raise ValueError(MISSING_GRAVITY)
+        if self.height is not None and self.latitude is None:
+            raise ValueError(
+                "height also needs latitude: gravity is computed from both; add latitude or remove "
+                "height"
+            )
+        return self
+
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
+        """Return the keys that change no result in this use, each with the reason."""
+        return {}
+
+
+def key_error(
+    key: str, text: str, file: Path | None = None, names: tuple[str, ...] = ()
+) -> InputError:
+    """Return the refusal of a key of a run file, "run.toml: [bench] radius: …", with its data."""
+    where = key if file is None else f"{file}: {key}"
+    return InputError(f"{where}: {text}", file=file, key=key, names=names)
+
+
+def si_value(text: str, like: str, key: str) -> float:
+    """Return a quantity given as text, SI; an error names `key`.
+
+    Raises
+    ------
+    InputError
+        What `parse_quantity` refuses, or an uncertainty, which no result would depend on.
+    """
+    quantity = measured_constant(text, like, key, last_digit=False)
+    if quantity.sd:
+        raise key_error(key, f"no result depends on the uncertainty in {text!r}; remove it")
+    return quantity.value
+
+
+def measured_constant(text: str, like: str, key: str, *, last_digit: bool = True) -> Measured:
+    """Return a measured constant given as text, SI; an error names `key`.
+
+    Without "±" it has the uncertainty of its last digit, if `last_digit`.
+    """
+    try:
+        return parse_quantity(text, like, last_digit=last_digit)
+    except InputError as error:
+        raise error.located(key, key=key) from None
+
+
+def section_constant(section: BenchSection, name: str, like: str) -> Measured:
+    """Return a measured constant that the section states, SI."""
+    return measured_constant(getattr(section, name), like, f"[bench] {name}")
+
+
+def section_length(section: BenchSection, name: str) -> Measured:
+    """Return a measured length that must be positive, m."""
+    length = section_constant(section, name, "m")
+    if length.value <= 0:
+        raise key_error(f"[bench] {name}", f"{getattr(section, name)!r} must be positive")
+    return length
+
+
+def section_deviation(
+    section: BenchSection, name: str, like: str, limit: Limit | None = None
+) -> float:
+    """Return a standard deviation that the section states, SI."""
+    key, text = f"[bench] {name}", getattr(section, name)
+    value = si_value(text, like, key)
+    if value < 0:
+        raise key_error(key, f"{text!r} is negative; give 0 or more")
+    if limit is not None and value > limit.value:
+        raise key_error(key, f"{text!r} is more than {limit.meaning}; check the value and its unit")
+    return value
+
+
+def section_harmonics(section: BenchSection, name: str) -> tuple[float, ...]:
+    """Return several deviations that must be small angles, rad."""
+    key, texts = f"[bench] {name}", getattr(section, name)
+    values = tuple(si_value(text, "°", key) for text in texts)
+    if not all(0 <= sd <= SMALL_ANGLE.value for sd in values):
+        raise key_error(key, f"{', '.join(texts)}: give each from 0 to 1°")
+    return values
+
+
+def section_gravity(section: BenchSection) -> Measured:
+    """Return gravity as given, or computed from latitude and height."""
+    if section.gravity is None:
+        if section.latitude is None:
+            return gravity_at_unknown_height(_MIDDLE_LATITUDE)  # nothing depends on it
+        latitude = measured_constant(section.latitude, "°", "[bench] latitude")
+        if section.height is None:
+            return gravity_at_unknown_height(latitude.value)
+        return normal_gravity(latitude.value, si_value(section.height, "m", "[bench] height"))
+    gravity = measured_constant(section.gravity, "m/s²", "[bench] gravity")
+    if not 9.5 < gravity.value < 10.0:
+        raise key_error(
+            "[bench] gravity",
+            f"{section.gravity!r} is not possible; give gravity on earth, 9.76 to 9.84 m/s²",
+        )
+    if gravity.sd > _GRAVITY_RANGE:
+        raise key_error(
+            "[bench] gravity",
+            f"the uncertainty in {section.gravity!r} is more than gravity varies on earth, "
+            f"{_GRAVITY_RANGE} m/s²; give a smaller one, or latitude instead",
+        )
+    return gravity

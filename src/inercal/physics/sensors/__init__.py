@@ -1,0 +1,38 @@
+"""Sensors: coefficient tables, exact forward model, inverse and noise."""
+
+from inercal.physics.sensors.axis import Axis, Readout
+from inercal.physics.sensors.axis_model import Form
+from inercal.physics.sensors.catalogue import cluster, imu, pair, single, triad
+from inercal.physics.sensors.coefficient_tables import (
+    ACCELEROMETER,
+    G0,
+    GROUPS,
+    GYRO,
+    SI_UNITS,
+    TABLES,
+    ErrorTerm,
+)
+from inercal.physics.sensors.inverse import inverse
+from inercal.physics.sensors.noise import Noise
+from inercal.physics.sensors.sensor import Sensor
+
+__all__ = [
+    "ACCELEROMETER",
+    "G0",
+    "GROUPS",
+    "GYRO",
+    "SI_UNITS",
+    "TABLES",
+    "Axis",
+    "ErrorTerm",
+    "Form",
+    "Noise",
+    "Readout",
+    "Sensor",
+    "cluster",
+    "imu",
+    "inverse",
+    "pair",
+    "single",
+    "triad",
+]

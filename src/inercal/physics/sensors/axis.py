@@ -1,0 +1,79 @@
+"""A measuring axis: its direction, its readout, and the motion along it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.sensors.noise import Noise
+
+
+@dataclass(frozen=True)
+class Readout:
+    """Readout of an axis: output = offset + scale · (reading in SI).
+
+    Parameters
+    ----------
+    scale : float
+        Nominal scale factor, output units per m/s² or per rad/s.
+    offset : float
+        Output at zero, output units.
+    unit : str
+        Name of the output unit.
+    full_scale : float or None
+        Largest magnitude of output − offset within the range of the axis, output units.
+    """
+
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: str = "SI"
+    full_scale: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.scale) and self.scale != 0 and np.isfinite(self.offset)):
+            raise InputError(
+                f"readout: scale {self.scale} and offset {self.offset}: both must be finite, and "
+                "the scale not zero",
+                names=("scale", "offset"),
+            )
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One measuring axis.
+
+    Parameters
+    ----------
+    name : str
+        Name of the axis, such as "x" or "gz".
+    measures : "f" or "w"
+        Specific force (an accelerometer) or angular rate (a gyro).
+    i, p : tuple of 3 floats
+        Nominal input and pendulous axes, orthogonal unit vectors in the sensor's frame; O = I × P.
+    readout, noise
+        Conversion of its reading to output, and the noise of the reading.
+    """
+
+    name: str
+    measures: Literal["f", "w"]
+    i: tuple[float, float, float]
+    p: tuple[float, float, float]
+    readout: Readout = Readout()
+    noise: Noise = Noise()
+
+    def __post_init__(self) -> None:
+        frame = self.frame
+        if not np.allclose(frame @ frame.T, np.eye(3), atol=1e-9):
+            raise InputError(
+                f"axis {self.name}: input axis i {self.i} and pendulous axis p {self.p} must be "
+                "orthogonal unit vectors",
+                names=(self.name,),
+            )
+
+    @cached_property
+    def frame(self) -> Array:
+        """Rows I, P, O in the sensor's frame, (3, 3)."""
+        return np.array([self.i, self.p, np.cross(self.i, self.p)])

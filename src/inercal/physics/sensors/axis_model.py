@@ -1,0 +1,156 @@
+"""The reading of one axis and its exact derivatives, in either form of the model.
+
+In the reference form (IEEE Std 1293) every term acts along the nominal axes, so the reading is
+linear in the coefficients::
+
+    y = f_I + Σ c φ(seen)
+
+In the tilted form the misalignments rotate the input axis itself and the nonlinear terms act along
+the rotated unit axis h (with the specific force at the end of the lever arm)::
+
+    a = h·(f + dω/dt × r + ω × (ω × r)),   h = (1, tan δ_O, −tan δ_P) / norm   along (I, P, O)
+    y = a + Σ c φ(seen, with f_I replaced by a)
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.physics.frames import skew
+from inercal.physics.sensors.coefficient_tables import ErrorTerm
+
+Form = Literal["reference", "tilted"]
+MOTION_COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo")
+ARMS = ("arm_i", "arm_p", "arm_o")
+ALONG = {"f": "fi", "w": "wi"}  # what an axis reads when it has no errors
+
+
+class AxisResponse(NamedTuple):
+    """Readings and derivatives of k axes, all (..., n, k); derivatives of zero are absent."""
+
+    reading: Array
+    coefficient_derivatives: dict[str, Array]
+    motion_derivatives: dict[str, Array]  # by component: fi … wo
+
+
+def axis_response(
+    measures: Literal["f", "w"],
+    lines: Sequence[ErrorTerm],
+    values: Mapping[str, Array],
+    seen: Mapping[str, Array],
+    form: Form,
+    by: Sequence[str],
+    *,
+    design: bool,
+) -> AxisResponse:
+    """Return the readings of k axes of one kind and, if wanted, their derivatives.
+
+    Parameters
+    ----------
+    measures : "f" or "w"
+    lines : sequence of ErrorTerm
+        The terms of the model.
+    values : mapping of str to (..., 1, k) array
+        Their coefficients in SI by short name.
+    seen : mapping of str to (..., n, k) array
+        Components of the motion along each axis's I, P and O, by name; those that do not act may
+        be missing.
+    form : "reference" or "tilted"
+    by : sequence of str
+        Components by which the reading is differentiated.
+    design : bool
+        Whether it is differentiated by the coefficients.
+    """
+    along = ALONG[measures]
+    geometry = _tilted_axis_response(values, seen, along) if form == "tilted" else None
+    if geometry is not None:
+        seen = {**seen, along: geometry.reading}
+        if measures == "f" and "si" in seen:
+            seen["si"] = np.sign(geometry.reading)
+    terms = [
+        line
+        for line in lines
+        if geometry is None or line.name not in geometry.coefficient_derivatives
+    ]
+    shape = np.broadcast_shapes(seen[along].shape, *(v.shape for v in values.values()))
+    reading = np.broadcast_to(seen[along], shape).copy()
+    bases = [line.basis.value(seen) for line in terms]
+    for line, basis in zip(terms, bases, strict=True):
+        reading += values[line.name] * basis
+    coefficient_derivatives: dict[str, Array] = {}
+    if design:
+        coefficient_derivatives = {
+            line.name: np.asarray(basis, dtype=float)
+            for line, basis in zip(terms, bases, strict=True)
+        }
+    motion_derivatives: dict[str, Array] = {}
+    wanted = dict.fromkeys((*by, *((along,) if design and geometry is not None else ())))
+    for name in wanted:
+        parts = [
+            values[line.name] * product.value(seen)
+            for line in terms
+            for product in line.basis.derivative(name)
+        ]
+        if parts or name == along:
+            total = np.full(shape, float(name == along))
+            for part in parts:
+                total += part
+            motion_derivatives[name] = total
+    if geometry is None or not motion_derivatives:
+        return AxisResponse(reading, coefficient_derivatives, motion_derivatives)
+    # Chain rule through the rotated axis: the terms of `along` are functions of a(δ, r, f, ω).
+    outer = motion_derivatives.pop(along)
+    for name, inner in geometry.motion_derivatives.items():
+        if name in by:
+            rest = motion_derivatives.get(name)
+            motion_derivatives[name] = outer * inner if rest is None else rest + outer * inner
+    if design:
+        for name, inner in geometry.coefficient_derivatives.items():
+            coefficient_derivatives[name] = outer * inner
+    return AxisResponse(reading, coefficient_derivatives, motion_derivatives)
+
+
+def _tilted_axis_response(
+    values: Mapping[str, Array], seen: Mapping[str, Array], along: str
+) -> AxisResponse:
+    """Return the force or rate along the rotated, displaced axis, a, and its derivatives."""
+    tan_o = np.tan(values.get("delta_o", np.zeros(1)))
+    tan_p = np.tan(values.get("delta_p", np.zeros(1)))
+    norm = np.sqrt(1 + tan_o**2 + tan_p**2)
+    h = (1 / norm, tan_o / norm, -tan_p / norm)
+    kind = along[0]
+    sensed = [seen[kind + axis] for axis in "ipo"]
+    modelled = [name for name in ARMS if name in values]
+    arm = [values.get(name, np.zeros(1)) for name in ARMS] if modelled else []
+    coefficient_derivatives: dict[str, Array] = {}
+    motion_derivatives = {kind + axis: h[k] for k, axis in enumerate("ipo")}
+    if arm:
+        w, dw = (np.stack(np.broadcast_arrays(*(seen[s + a] for a in "ipo")), -1) for s in "wa")
+        cross = skew(dw) + skew(w) @ skew(w)
+        r = np.stack(np.broadcast_arrays(*arm), axis=-1)
+        h_row = np.stack(np.broadcast_arrays(*h), axis=-1)
+        sensed = [
+            f + part for f, part in zip(sensed, np.moveaxis(_apply(cross, r), -1, 0), strict=True)
+        ]
+        along_r = _apply(np.swapaxes(cross, -1, -2), h_row)
+        coefficient_derivatives = {
+            name: along_r[..., k] for k, name in enumerate(ARMS) if name in modelled
+        }
+        # h·(ω × (ω × r)) = (h·ω)(ω·r) − (h·r) ω², so d/dω = h (ω·r) + (h·ω) r − 2 (h·r) ω
+        dot = {"wr": (w * r).sum(-1), "hw": (h_row * w).sum(-1), "hr": (h_row * r).sum(-1)}
+        to_w = (
+            h_row * dot["wr"][..., None] + dot["hw"][..., None] * r - 2 * dot["hr"][..., None] * w
+        )
+        motion_derivatives |= {"w" + axis: to_w[..., k] for k, axis in enumerate("ipo")}
+    a = sum(component * x for component, x in zip(h, sensed, strict=True)) + np.zeros(1)
+    if "delta_o" in values:
+        coefficient_derivatives["delta_o"] = (1 + tan_o**2) / norm * (sensed[1] - a * tan_o / norm)
+    if "delta_p" in values:
+        coefficient_derivatives["delta_p"] = (1 + tan_p**2) / norm * (-sensed[2] - a * tan_p / norm)
+    return AxisResponse(a, coefficient_derivatives, motion_derivatives)
+
+
+def _apply(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]

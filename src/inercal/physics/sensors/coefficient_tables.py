@@ -1,0 +1,202 @@
+"""The error models, a coefficient in each line.
+
+The reading y of an axis, divided by its nominal scale, is the quantity along its input axis I plus
+each coefficient times its basis function::
+
+    accelerometer   y = f_I + Σ c φ(f, ω, dω/dt, ΔT, dT/dt)  m/s²
+    gyro            y = ω_I + Σ c φ(f, ω, ΔT, dT/dt)          rad/s
+
+P is the pendulous axis and O the output axis of an axis, O = I × P. `k1` is the departure of
+the scale factor from nominal (0 is nominal). Signs of the misalignments as in IEEE Std 1293:
+`delta_o` rotates I about O and adds +f_P; `delta_p` rotates I about P and adds −f_O.
+
+Sources: accelerometer, the model equation of IEEE Std 1293-2018 (clause 8 of its Part I: K0, K0′,
+K1, K1′, Koq, K2, K3, δo, δp, Kip, Kio, Kpo, Kpp, Koo, Kspin, Kang.acc); gyro, IEEE Std 952 and
+1431 for bias, scale factor and sensitivity to acceleration and its square. Arms are the parts of
+the lever r in f + dω/dt × r + ω × (ω × r).
+"""
+
+from dataclasses import dataclass, field
+from math import pi
+
+from inercal.physics.sensors.basis_functions import Basis, Product
+
+G0 = 9.80665  # m/s², exact (CGPM 1901)
+_UG, _PPM, _ARCSEC, _MM = 1e-6 * G0, 1e-6, pi / 648_000, 1e-3
+_DEG_PER_H = pi / 180 / 3600
+_FORCE = ("fi", "fp", "fo")
+# Groups of the terms that need many soaks, and of those that need a ramp.
+_ORDER, _RATE = "temperature_order", "temperature_rate"
+LARGEST_RELATIVE_SIZE = 0.1  # of the natural size: larger coefficients are implausible
+TEMPERATURE_SPAN = 100.0  # K from the reference temperature, at which natural sizes are defined
+TEMPERATURE_RATE = 10 / 60  # K/s, at which natural sizes are defined
+
+
+@dataclass(frozen=True)
+class ErrorTerm:
+    """One term of an error model."""
+
+    name: str
+    symbol: str  # as printed in reports
+    unit: str  # as printed in reports
+    si: float  # one such unit, in SI
+    basis: Basis
+    meaning: str
+    group: str  # what a run file may call it together with its kind
+    # SI size that reads 1 g (or 1 rad/s) at 1 g, 1 rad/s, `TEMPERATURE_SPAN` from the reference
+    # temperature and `TEMPERATURE_RATE`
+    unit_scale: float = field(default=1.0)
+
+    @property
+    def largest(self) -> float:
+        """The largest plausible size, SI."""
+        return LARGEST_RELATIVE_SIZE * self.unit_scale
+
+    @property
+    def temperature_order(self) -> int:
+        """The power of ΔT in the basis function."""
+        return self.basis.degree("dT")
+
+    @property
+    def without_temperature(self) -> tuple[Product, ...]:
+        """The products of the basis function without ΔT; equal for terms of one quantity."""
+        return tuple(
+            Product(one.factor, tuple(c for c in one.components if c != "dT"))
+            for one in self.basis.products
+        )
+
+
+def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
+    """Return the coefficients; `measures` is the SI size of one natural unit of the reading."""
+    table: list[ErrorTerm] = []
+    for name, symbol, unit, si, text, group, meaning in lines:
+        basis = Basis(text)
+        unit_scale = measures / G0 ** basis.degree(*_FORCE) / TEMPERATURE_SPAN ** basis.degree("dT")
+        unit_scale /= TEMPERATURE_RATE ** basis.degree("dTdt")
+        table.append(ErrorTerm(name, symbol, unit, si, basis, meaning, group, unit_scale))
+    return tuple(table)
+
+
+ACCELEROMETER: tuple[ErrorTerm, ...] = _table(
+    G0,
+    ("k0", "K₀", "µg", _UG, "1", "bias", "bias"),
+    ("k1", "K₁−1", "ppm", _PPM, "fi", "scale", "scale-factor error"),
+    ("delta_o", "δ_O", "″", _ARCSEC, "fp", "misalignment", "misalignment about O"),
+    ("delta_p", "δ_P", "″", _ARCSEC, "-fo", "misalignment", "misalignment about P"),
+    ("k2", "K₂", "µg/g²", _UG / G0**2, "fi fi", "nonlinearity", "second-order nonlinearity"),
+    ("k3", "K₃", "µg/g³", _UG / G0**3, "fi fi fi", "nonlinearity", "third-order nonlinearity"),
+    ("koq", "K_oq", "µg/g²", _UG / G0**2, "si fi fi", "asymmetry", "odd quadratic nonlinearity"),
+    ("k0_prime", "K₀′", "µg", _UG, "0.5 si", "asymmetry", "bias asymmetry"),
+    ("k1_prime", "K₁′", "ppm", _PPM, "0.5 si fi", "asymmetry", "scale-factor asymmetry"),
+    ("kip", "K_ip", "µg/g²", _UG / G0**2, "fi fp", "cross", "cross-axis nonlinearity I–P"),
+    ("kio", "K_io", "µg/g²", _UG / G0**2, "fi fo", "cross", "cross-axis nonlinearity I–O"),
+    ("kpo", "K_po", "µg/g²", _UG / G0**2, "fp fo", "cross", "cross-coupling P–O"),
+    ("kpp", "K_pp", "µg/g²", _UG / G0**2, "fp fp", "cross", "cross-axis nonlinearity P–P"),
+    ("koo", "K_oo", "µg/g²", _UG / G0**2, "fo fo", "cross", "cross-axis nonlinearity O–O"),
+    ("kspin", "K_spin", "µg/(rad/s)²", _UG, "wi wp", "rotation", "spin-offset coefficient"),
+    ("kang", "K_ang", "µg/(rad/s²)", _UG, "ao", "rotation", "angular-acceleration coefficient"),
+    ("arm_i", "r_I", "mm", _MM, "-wp wp - wo wo", "arm", "lever arm along I"),
+    ("arm_p", "r_P", "mm", _MM, "wi wp - ao", "arm", "lever arm along P"),
+    ("arm_o", "r_O", "mm", _MM, "wi wo + ap", "arm", "lever arm along O"),
+    ("k0_dT", "K₀,T", "µg/K", _UG, "dT", "temperature", "bias temperature coefficient"),
+    ("k0_dT2", "K₀,TT", "µg/K²", _UG, "dT dT", "temperature", "bias, second order in temperature"),
+    (
+        "k1_dT",
+        "K₁,T",
+        "ppm/K",
+        _PPM,
+        "fi dT",
+        "temperature",
+        "scale-factor temperature coefficient",
+    ),
+    ("k2_dT", "K₂,T", "µg/g²/K", _UG / G0**2, "fi fi dT", "temperature", "k2 against temperature"),
+    ("k0_dT3", "K₀,TTT", "µg/K³", _UG, "dT dT dT", _ORDER, "bias, third order in temperature"),
+    ("k1_dT2", "K₁,TT", "ppm/K²", _PPM, "fi dT dT", _ORDER, "scale, second order in temperature"),
+    ("delta_o_dT", "δ_O,T", "″/K", _ARCSEC, "fp dT", _ORDER, "misalignment O against temperature"),
+    ("delta_p_dT", "δ_P,T", "″/K", _ARCSEC, "-fo dT", _ORDER, "misalignment P against temperature"),
+    ("k0_dTdt", "K₀,Ṫ", "µg/(K/min)", _UG * 60, "dTdt", _RATE, "bias against temperature rate"),
+)
+
+GYRO: tuple[ErrorTerm, ...] = _table(
+    1.0,
+    ("bias", "ε", "°/h", _DEG_PER_H, "1", "bias", "bias"),
+    ("scale", "κ", "ppm", _PPM, "wi", "scale", "scale-factor error"),
+    ("delta_o", "δ_O", "″", _ARCSEC, "wp", "misalignment", "misalignment about O"),
+    ("delta_p", "δ_P", "″", _ARCSEC, "-wo", "misalignment", "misalignment about P"),
+    ("g_i", "D_I", "°/h/g", _DEG_PER_H / G0, "fi", "g", "g-sensitivity along I"),
+    ("g_p", "D_P", "°/h/g", _DEG_PER_H / G0, "fp", "g", "g-sensitivity along P"),
+    ("g_o", "D_O", "°/h/g", _DEG_PER_H / G0, "fo", "g", "g-sensitivity along O"),
+    ("g_ii", "D_II", "°/h/g²", _DEG_PER_H / G0**2, "fi fi", "g2", "g²-sensitivity I–I"),
+    ("g_pp", "D_PP", "°/h/g²", _DEG_PER_H / G0**2, "fp fp", "g2", "g²-sensitivity P–P"),
+    ("g_oo", "D_OO", "°/h/g²", _DEG_PER_H / G0**2, "fo fo", "g2", "g²-sensitivity O–O"),
+    ("g_ip", "D_IP", "°/h/g²", _DEG_PER_H / G0**2, "fi fp", "g2", "g²-sensitivity I–P"),
+    ("g_io", "D_IO", "°/h/g²", _DEG_PER_H / G0**2, "fi fo", "g2", "g²-sensitivity I–O"),
+    ("g_po", "D_PO", "°/h/g²", _DEG_PER_H / G0**2, "fp fo", "g2", "g²-sensitivity P–O"),
+    ("scale2", "κ₂", "ppm/(rad/s)", _PPM, "wi wi", "nonlinearity", "second-order nonlinearity"),
+    ("scale3", "κ₃", "ppm/(rad/s)²", _PPM, "wi wi wi", "nonlinearity", "third-order nonlinearity"),
+    ("scale_prime", "κ′", "ppm", _PPM, "0.5 swi wi", "asymmetry", "scale-factor asymmetry"),
+    ("bias_dT", "ε_T", "°/h/K", _DEG_PER_H, "dT", "temperature", "bias temperature coefficient"),
+    ("scale_dT", "κ_T", "ppm/K", _PPM, "wi dT", "temperature", "scale temperature coefficient"),
+    (
+        "bias_dT2",
+        "ε_TT",
+        "°/h/K²",
+        _DEG_PER_H,
+        "dT dT",
+        _ORDER,
+        "bias, second order in temperature",
+    ),
+    (
+        "bias_dT3",
+        "ε_TTT",
+        "°/h/K³",
+        _DEG_PER_H,
+        "dT dT dT",
+        _ORDER,
+        "bias, third order in temperature",
+    ),
+    ("scale_dT2", "κ_TT", "ppm/K²", _PPM, "wi dT dT", _ORDER, "scale, second order in temperature"),
+    ("delta_o_dT", "δ_O,T", "″/K", _ARCSEC, "wp dT", _ORDER, "misalignment O against temperature"),
+    ("delta_p_dT", "δ_P,T", "″/K", _ARCSEC, "-wo dT", _ORDER, "misalignment P against temperature"),
+    (
+        "bias_dTdt",
+        "ε_Ṫ",
+        "°/h/(K/min)",
+        _DEG_PER_H * 60,
+        "dTdt",
+        _RATE,
+        "bias against temperature rate",
+    ),
+)
+
+SI_UNITS = {  # of the units as printed
+    "µg": "m/s²",
+    "ppm": "1",
+    "″": "rad",
+    "µg/g²": "(m/s²)⁻¹",
+    "µg/g³": "(m/s²)⁻²",
+    "µg/(rad/s)²": "(m/s²)/(rad/s)²",
+    "µg/(rad/s²)": "(m/s²)/(rad/s²)",
+    "mm": "m",
+    "µg/K": "(m/s²)/K",
+    "µg/K²": "(m/s²)/K²",
+    "ppm/K": "1/K",
+    "µg/g²/K": "(m/s²)⁻¹/K",
+    "°/h": "rad/s",
+    "°/h/g": "(rad/s)/(m/s²)",
+    "°/h/g²": "(rad/s)/(m/s²)²",
+    "ppm/(rad/s)": "(rad/s)⁻¹",
+    "ppm/(rad/s)²": "(rad/s)⁻²",
+    "°/h/K": "(rad/s)/K",
+    "µg/K³": "(m/s²)/K³",
+    "ppm/K²": "1/K²",
+    "″/K": "rad/K",
+    "µg/(K/min)": "(m/s²)/(K/s)",
+    "°/h/K²": "(rad/s)/K²",
+    "°/h/K³": "(rad/s)/K³",
+    "°/h/(K/min)": "(rad/s)/(K/s)",
+}
+TABLES = {"f": ACCELEROMETER, "w": GYRO}
+# SI size and name of the unit of a bias, by kind of axis.
+BIAS_UNITS = {kind: (table[0].si, table[0].unit) for kind, table in TABLES.items()}
+GROUPS = tuple(dict.fromkeys(c.group for table in TABLES.values() for c in table))

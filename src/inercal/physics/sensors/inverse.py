@@ -1,0 +1,207 @@
+"""From readings back to the sensed motion, by Newton's method on the exact model.
+
+Accelerometers and gyros are solved together; more than three axes of a kind by least squares. An
+affine model needs a single matrix; other models iterate, in chunks of bounded memory.
+"""
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotInvertible
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import three_axes
+from inercal.physics.sensors.sensor import Sensor
+
+_CHUNK = 1 << 16  # samples at a time: the slopes of a chunk fit the cache's outer levels
+_MAX_STEPS = 40
+_SETTLED = 1e-9  # of a step, relative to the motion: the error left is of the order of its square
+_SINGULAR_TEXT = (
+    "with these coefficients the readings do not depend on the motion in some direction"
+)
+
+
+def inverse(
+    sensor: Sensor,
+    y: Array,
+    c: Array,
+    *,
+    f: Array | None = None,
+    w: Array | None = None,
+    dw: Array | None = None,
+    dT: Array | float = 0.0,
+    dTdt: Array | float = 0.0,
+    refuse: bool = True,
+) -> Motion:
+    """Return the motion whose reading is `y`.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    y : (..., n, m) array
+        Readings in SI (after the nominal readout).
+    c : (..., p) array
+        Coefficients in SI, the order of `sensor.coefficients`.
+    f, w : (..., n, 3) arrays, optional
+        Motion that the sensor does not measure. With fewer than three independent input axes of a
+        kind, the components across them are taken from here; those along them are ignored. For a
+        sensor without gyros ω, and without accelerometers f, is zero by default.
+    dw : (..., n, 3) array, optional
+        Angular acceleration, rad/s², where lever arms are modelled.
+    dT : (..., n) array or float
+        Temperature minus reference, K.
+    dTdt : (..., n) array or float
+        Its time derivative, K/s.
+    refuse : bool
+        Whether to refuse readings beyond the fold of the model; otherwise they give NaN, as an
+        optimiser needs.
+
+    Raises
+    ------
+    InputError
+        One or two input axes of a kind, without the components across them.
+    NotInvertible
+        A reading is beyond the fold of the model.
+    """
+    basis = _observed_directions(sensor)
+    for measures, given, word in (("f", f, "specific force"), ("w", w, "angular rate")):
+        rank = _rank(sensor, measures)
+        if 0 < rank < 3 and given is None:
+            raise InputError(
+                f"sensor {sensor.name} has {rank} independent input axis directions for {word}: "
+                f"pass the components across them as {measures}, or zeros if there are none",
+                key=measures,
+            )
+    shape = (*y.shape[:-1], 3)
+    zero = np.zeros((1, 3))
+    across = np.concatenate(
+        [np.broadcast_to(zero if v is None else v, shape) for v in (f, w)], axis=-1
+    )
+    across = across - (across @ basis) @ basis.T
+    rates = np.broadcast_to(zero if dw is None else dw, shape)
+    thermal = tuple(np.broadcast_to(np.asarray(t, dtype=float), shape[:-1]) for t in (dT, dTdt))
+    if sensor.affine:
+        sensed = across + _affine(sensor, y, c, across, basis) @ basis.T
+    else:
+        lead = np.broadcast_shapes(y.shape[:-2], c.shape[:-1])
+        sensed = np.empty((*lead, y.shape[-2], 6))
+        for start in range(0, y.shape[-2], _CHUNK):
+            part = np.s_[..., start : start + _CHUNK, :]
+            thermal_part = tuple(t[..., start : start + _CHUNK] for t in thermal)
+            sensed[part] = _newton(
+                sensor, y[part], c, across[part], rates[part], thermal_part, basis, start, refuse
+            )
+    return _motion(sensed, np.asarray(rates), thermal)
+
+
+def _rank(sensor: Sensor, measures: str) -> int:
+    rows = [axis.i for axis in sensor.axes if axis.measures == measures]
+    return int(np.linalg.matrix_rank(np.array(rows))) if rows else 0
+
+
+def _observed_directions(sensor: Sensor) -> Array:
+    """Return an orthonormal basis, (6, k), of the (f, ω) that the input axes measure."""
+    columns: list[Array] = []
+    for offset, measures in ((0, "f"), (3, "w")):
+        rank = _rank(sensor, measures)
+        if rank:
+            rows = np.array([axis.i for axis in sensor.axes if axis.measures == measures])
+            directions = np.eye(3) if rank == 3 else np.linalg.svd(rows)[2][:rank]
+            block = np.zeros((6, rank))
+            block[offset : offset + 3] = directions.T
+            columns.append(block)
+    return np.concatenate(columns, axis=1)
+
+
+def _motion(sensed: Array, rates: Array, thermal: tuple[Array, ...]) -> Motion:
+    """Return the motion with ΔT and dT/dt, `thermal`."""
+    return Motion(sensed[..., :3], sensed[..., 3:], rates, *thermal)
+
+
+def _solve(slope: Array, right: Array) -> Array:
+    """Return the step; least squares where there are more axes than unknowns."""
+    if slope.shape[-2] > slope.shape[-1]:
+        transposed = np.swapaxes(slope, -1, -2)
+        slope, right = transposed @ slope, (transposed @ right[..., None])[..., 0]
+    if slope.shape[-1] == 3:
+        x = three_axes.solve(slope, right)
+        if not np.isfinite(x).all() and (three_axes.determinant(slope) == 0).any():
+            raise NotInvertible(_SINGULAR_TEXT)
+        return x
+    try:
+        return np.linalg.solve(slope, right[..., None])[..., 0].astype(np.float64, copy=False)
+    except np.linalg.LinAlgError:
+        raise NotInvertible(_SINGULAR_TEXT) from None
+
+
+def _affine(sensor: Sensor, y: Array, c: Array, across: Array, basis: Array) -> Array:
+    slope = (sensor.slope(Motion(np.zeros((1, 3))), c) @ basis)[..., 0, :, :]
+    if (np.linalg.matrix_rank(slope) < basis.shape[1]).any():
+        raise NotInvertible(f"sensor {sensor.name}: {_SINGULAR_TEXT}")
+    offset = sensor.forward(Motion(across[..., :3], across[..., 3:]), c)
+    back = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
+    return (y - offset) @ np.swapaxes(back, -1, -2)
+
+
+def _newton(
+    sensor: Sensor,
+    y: Array,
+    c: Array,
+    across: Array,
+    rates: Array,
+    thermal: tuple[Array, ...],
+    basis: Array,
+    first: int,
+    refuse: bool,
+) -> Array:
+    """Return (f, ω), (..., n, 6), of a chunk that begins at sample `first`."""
+    origin = _motion(across, rates, thermal)
+    reading, slope = sensor.reading_and_slope(origin, c)
+    at_origin = slope @ basis
+    x = _solve(at_origin, y - reading)
+    size = np.abs(x).max(axis=-1, keepdims=True) + np.finfo(float).tiny
+    step = np.full_like(x, np.inf)
+    for _ in range(_MAX_STEPS):
+        motion = _motion(across + x @ basis.T, rates, thermal)
+        reading, slope = sensor.reading_and_slope(motion, c)
+        new = _solve(slope @ basis, y - reading)
+        settled = np.abs(new) <= _SETTLED * size
+        x, step = x + new, new
+        if settled.all():
+            break
+    # A bias asymmetry leaves a gap at zero: no motion gives a reading inside it, and the steps
+    # alternate between both sides. Zero, between them, is the nearest motion.
+    alternating = (
+        (np.abs(step) > _SETTLED * size)
+        & (np.abs(step) <= _asymmetry_gap(sensor, c))
+        & (x * (x - step) < 0)
+    )
+    x = np.where(alternating, 0.0, x)
+    step = np.where(alternating.any(-1, keepdims=True), 0.0, step)
+    motion = _motion(across + x @ basis.T, rates, thermal)
+    slope = sensor.slope(motion, c) @ basis
+    unsettled = (np.abs(step) > _SETTLED * size).any(axis=-1)
+    folded = _determinant(slope) * _determinant(at_origin) <= 0
+    bad = unsettled | folded
+    if not refuse:
+        x = np.where(bad[..., None], np.nan, x)
+    elif bad.any():
+        row = int(np.flatnonzero(bad.any(axis=tuple(range(bad.ndim - 1))))[0])
+        worst = y[..., row, :].reshape(-1, y.shape[-1])[0]
+        raise NotInvertible(
+            f"sensor {sensor.name}: the model cannot be inverted at sample {first + row}: for the "
+            f"reading {np.array2string(worst, precision=4)} (SI) no unique motion exists; check "
+            "the unit of the reading and the nonlinear coefficients"
+        )
+    return across + x @ basis.T
+
+
+def _asymmetry_gap(sensor: Sensor, c: Array) -> Array | float:
+    """Return a bound of the gap that bias asymmetries leave at zero, (..., 1, 1), SI."""
+    jumps = [c[..., k] for k, n in enumerate(sensor.coefficients) if n.endswith(".k0_prime")]
+    return 2 * np.abs(np.stack(jumps, -1)).max(-1)[..., None, None] if jumps else 0.0
+
+
+def _determinant(slope: Array) -> Array:
+    square = slope.shape[-2] == slope.shape[-1]
+    matrix = slope if square else np.swapaxes(slope, -1, -2) @ slope
+    return three_axes.determinant(matrix) if matrix.shape[-1] == 3 else np.linalg.det(matrix)

@@ -1,0 +1,252 @@
+"""A sensor: named axes, the coefficients that describe their errors, and the exact forward model.
+
+`coefficient_tables` has the terms, `axis_model` the response of an axis; a sensor joins its axes.
+All functions broadcast over leading axes of trials: motion `(..., n, 3)`, coefficients `(..., p)`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.physics.motion import Motion
+from inercal.physics.sensors.axis import Axis
+from inercal.physics.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form
+from inercal.physics.sensors.coefficient_selection import select_coefficients
+from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.physics.sensors.similar_axes import SimilarAxes
+
+
+class Linearisation(NamedTuple):
+    """Readings and their derivatives; see `Sensor.linearise`."""
+
+    reading: Array  # (..., n, m)
+    design: Array  # (..., n, m, p)
+    slope: Array  # (..., n or 1, m, 6)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Named axes and the chosen coefficients; `coefficients` fixes the order of every vector.
+
+    Parameters
+    ----------
+    name : str
+        The laboratory's name of the sensor.
+    axes : tuple of Axis
+        Accelerometers and gyros, in the order of the recording's channels.
+    coefficients : tuple of str
+        Full names, "ax.k0"; see `with_coefficients`.
+    form : "reference" or "tilted"
+        Axis along which nonlinear terms act (see `inercal.physics.sensors.axis_model`).
+    reference_temperature : float
+        K; the model's ΔT is counted from it.
+    frame : "mount" or "symmetric"
+        Frame of the misalignments: that of the mounting, or the frame in which their matrix is
+        symmetric, for observations that do not determine a rotation.
+
+    Raises
+    ------
+    InputError
+        Two axes of one name, or an unknown coefficient.
+    """
+
+    name: str
+    axes: tuple[Axis, ...]
+    coefficients: tuple[str, ...] = ()
+    form: Form = "reference"
+    reference_temperature: float = 293.15
+    frame: Literal["mount", "symmetric"] = "mount"
+    _by_axis: Mapping[str, tuple[ErrorTerm, ...]] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        names = [axis.name for axis in self.axes]
+        if len(set(names)) != len(names):
+            raise InputError(
+                f"sensor {self.name}: two axes of {', '.join(names)} have one name; give each its "
+                "own",
+                names=tuple(names),
+            )
+        by_axis: dict[str, list[ErrorTerm]] = {name: [] for name in names}
+        terms = {
+            kind: {term.name: term for term in TABLES[kind]}
+            for kind in {axis.measures for axis in self.axes}
+        }
+        tables = {axis.name: terms[axis.measures] for axis in self.axes}
+        for full in self.coefficients:
+            axis, short = CoefficientName(full).parts
+            known = tables.get(axis, {})
+            if short not in known:
+                raise InputError(
+                    f"no coefficient {full!r}; the axes are {', '.join(names)}"
+                    + (f", and {axis} has {', '.join(known)}" if known else ""),
+                    names=(full,),
+                )
+            by_axis[axis].append(known[short])
+        object.__setattr__(self, "_by_axis", {k: tuple(v) for k, v in by_axis.items()})
+
+    def with_coefficients(self, *chosen: str) -> "Sensor":
+        """Return the sensor with coefficients chosen by name, group or axis.
+
+        `"bias"`, `"scale"`, `"misalignment"`, `"nonorthogonality"`, … choose for all axes,
+        `"k2"` a coefficient for all axes that have it, `"x.k2"` or `"x.bias"` for a single axis.
+        """
+        return replace(self, coefficients=select_coefficients(self.axes, chosen))
+
+    def select_axes(self, measures: Literal["f", "w"]) -> "Sensor":
+        """Return the sensor's accelerometers or its gyros alone, with their coefficients."""
+        axes = tuple(a for a in self.axes if a.measures == measures)
+        kept = {a.name for a in axes}
+        names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
+        return replace(self, axes=axes, coefficients=names)
+
+    def rounded(self, rate_hz: float) -> "Sensor":
+        """Return the sensor with the rounding of its samples in their white noise."""
+        axes = (replace(axis, noise=axis.noise.rounded(rate_hz)) for axis in self.axes)
+        return replace(self, axes=tuple(axes))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return tuple(axis.name for axis in self.axes)
+
+    def coefficient(self, full: str) -> ErrorTerm:
+        """Return the table entry of a full name such as "x.k0"."""
+        axis, short = CoefficientName(full).parts
+        return next(c for c in self._by_axis[axis] if c.name == short)
+
+    @cached_property
+    def unit_scale(self) -> Array:
+        """Natural size of each coefficient, SI, (p,): its effect is 1 g or 1 rad/s at 1 g, 1 rad/s.
+
+        For coefficients of temperature the effect is that at 100 K from the reference temperature,
+        and at 10 K/min.
+        """
+        return np.array([self.coefficient(name).unit_scale for name in self.coefficients])
+
+    @cached_property
+    def affine(self) -> bool:
+        """Whether readings are affine in f and ω, and depend on nothing else."""
+        table = [c.basis for line in self._by_axis.values() for c in line]
+        linear = all(basis.degree(*MOTION_COMPONENTS) <= 1 for basis in table)
+        others = self.uses("si", "swi", "dT", "dTdt", "ai", "ap", "ao")
+        return linear and not others and (self.form == "reference" or self.coefficients == ())
+
+    def uses(self, *components: str) -> bool:
+        """Return whether any chosen coefficient acts on one of the components of the motion."""
+        return any(c.basis.uses(*components) for line in self._by_axis.values() for c in line)
+
+    def to_si(self, output: Array) -> Array:
+        """Return nominal readings in SI, (..., n, m), from output units."""
+        reading = output - self._readout("offset")
+        reading /= self._readout("scale")  # in place: a recording is long
+        return reading
+
+    def to_output(self, reading: Array) -> Array:
+        """Return output units from readings in SI, (..., n, m)."""
+        return self._readout("offset") + self._readout("scale") * reading
+
+    def _readout(self, what: str) -> Array:
+        return np.array([getattr(axis.readout, what) for axis in self.axes])
+
+    @cached_property
+    def _groups(self) -> tuple[SimilarAxes, ...]:
+        """The axes, those of one kind with the same terms together."""
+        alike: dict[tuple[str, tuple[ErrorTerm, ...]], list[int]] = {}
+        for k, axis in enumerate(self.axes):
+            terms = sorted(self._by_axis[axis.name], key=TABLES[axis.measures].index)
+            alike.setdefault((axis.measures, tuple(terms)), []).append(k)
+        return tuple(
+            SimilarAxes.of(self.axes, members, terms, self.coefficients)
+            for (_, terms), members in alike.items()
+        )
+
+    def forward(self, motion: Motion, c: Array) -> Array:
+        """Return noise-free readings in SI, (..., n, m), for coefficients `c`, (..., p) in SI."""
+        return self._reading([group.response(motion, c, self.form, ()) for group in self._groups])
+
+    def _reading(self, responses: Sequence[AxisResponse]) -> Array:
+        if len(responses) == 1:
+            return responses[0].reading
+        lead = np.broadcast_shapes(*(r.reading.shape[:-1] for r in responses))
+        reading = np.empty((*lead, len(self.axes)))
+        for group, response in zip(self._groups, responses, strict=True):
+            reading[..., group.members] = response.reading
+        return reading
+
+    def reading_and_slope(self, motion: Motion, c: Array) -> tuple[Array, Array]:
+        """Return the reading, (..., n, m), and its `slope`, (..., n or 1, m, 6), in one pass.
+
+        Where the design is not wanted, this takes less time than `linearise`.
+        """
+        if self.affine:
+            one = self._linearise_affine(motion, c)
+            return one.reading, one.slope
+        responses = [
+            group.response(motion, c, self.form, MOTION_COMPONENTS) for group in self._groups
+        ]
+        reading = self._reading(responses)
+        return reading, self._slope(responses, reading.shape)
+
+    def _slope(self, responses: Sequence[AxisResponse], shape: tuple[int, ...]) -> Array:
+        slope = np.zeros((*shape, 6))
+        for group, response in zip(self._groups, responses, strict=True):
+            group.add_slope(response, slope)
+        return slope
+
+    def design(self, motion: Motion, c: Array) -> Array:
+        """Return d(reading)/d(coefficient) at `c`, (..., n, m, p); exact."""
+        return self.linearise(motion, c).design
+
+    def slope(self, motion: Motion, c: Array) -> Array:
+        """Return d(reading)/d(f, ω) at the motion, (..., n, m, 6), in the sensor's frame.
+
+        The axis of samples has length 1 where the slope is the same for all of them.
+        """
+        return self.reading_and_slope(motion, c)[1]
+
+    def linearise(self, motion: Motion, c: Array) -> Linearisation:
+        """Return the reading, (..., n, m), with `design` and `slope`, in one pass."""
+        if self.affine:
+            return self._linearise_affine(motion, c)
+        responses = [
+            group.response(motion, c, self.form, MOTION_COMPONENTS, design=True)
+            for group in self._groups
+        ]
+        reading = self._reading(responses)
+        design = np.zeros((*reading.shape, len(self.coefficients)))
+        for group, response in zip(self._groups, responses, strict=True):
+            for short, column in response.coefficient_derivatives.items():
+                design[..., group.members, group.columns[short]] = column
+        return Linearisation(reading, design, self._slope(responses, reading.shape))
+
+    def _linearise_affine(self, motion: Motion, c: Array) -> Linearisation:
+        """Return the same from two products of matrices: y = (A₀ + Σ c B) (f, ω, 1)."""
+        nominal, change = self._affine_maps
+        shape = np.broadcast_shapes(motion.f.shape, motion.w.shape)
+        sensed = np.ones((*shape[:-1], 7))
+        sensed[..., :3], sensed[..., 3:6] = motion.f, motion.w
+        m, p = len(self.axes), len(self.coefficients)
+        maps = nominal + (c @ change.reshape(p, m * 7)).reshape(*c.shape[:-1], m, 7)
+        reading = sensed @ np.swapaxes(maps, -1, -2)
+        design = sensed @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(7, m * p)
+        return Linearisation(
+            reading, design.reshape(*design.shape[:-1], m, p), maps[..., None, :, :6]
+        )
+
+    @cached_property
+    def _affine_maps(self) -> tuple[Array, Array]:
+        """A₀, (m, 7), and B, (p, m, 7), of an affine sensor."""
+        p = len(self.coefficients)
+        sensed = np.concatenate([np.eye(6), np.zeros((1, 6))])
+        motion = Motion(sensed[:, :3], sensed[:, 3:])
+        reading = self.forward(motion, np.concatenate([np.eye(p), np.zeros((1, p))]))
+        at = np.array(np.broadcast_to(reading, (p + 1, 7, len(self.axes))))
+        at[:, :6] -= at[:, 6:]
+        maps = np.swapaxes(at, -1, -2)
+        return maps[p], maps[:p] - maps[p]

@@ -1,0 +1,127 @@
+"""Axes of one kind with the same terms, whose readings are computed together.
+
+The axes stand in the last axis of every array: `(..., n, k)` for k of them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.physics.motion import Motion
+from inercal.physics.sensors.axis import Axis
+from inercal.physics.sensors.axis_model import ALONG, ARMS, AxisResponse, Form, axis_response
+from inercal.physics.sensors.coefficient_tables import ErrorTerm
+
+_VECTORS = ("f", "w", "a")
+
+
+@dataclass(frozen=True, eq=False)
+class SimilarAxes:
+    """k axes of one kind with the same terms.
+
+    Parameters
+    ----------
+    measures : "f" or "w"
+    members : (k,) array of int
+        Their places among the axes of the sensor.
+    frames : (k, 3, 3) array
+        Rows I, P, O of each axis in the sensor's frame.
+    terms : tuple of ErrorTerm
+    columns : mapping of str to (k,) array of int
+        Places of each term's coefficients among those of the sensor, by short name.
+    """
+
+    measures: Literal["f", "w"]
+    members: NDArray[np.intp]
+    frames: Array
+    terms: tuple[ErrorTerm, ...]
+    columns: Mapping[str, NDArray[np.intp]]
+
+    @classmethod
+    def of(
+        cls,
+        axes: Sequence[Axis],
+        members: Sequence[int],
+        terms: tuple[ErrorTerm, ...],
+        coefficients: Sequence[str],
+    ) -> "SimilarAxes":
+        """Return the group of a sensor's axes of these places."""
+        own = [axes[k] for k in members]
+        return cls(
+            own[0].measures,
+            np.array(members),
+            np.stack([axis.frame for axis in own]),
+            terms,
+            {
+                term.name: np.array([coefficients.index(f"{a.name}.{term.name}") for a in own])
+                for term in terms
+            },
+        )
+
+    def response(
+        self, motion: Motion, c: Array, form: Form, by: Sequence[str], *, design: bool = False
+    ) -> AxisResponse:
+        """Return the readings, (..., n, k), and their derivatives.
+
+        Parameters
+        ----------
+        motion : Motion
+            (..., n, 3).
+        c : (..., p) array
+            Coefficients of the sensor, SI.
+        form : "reference" or "tilted"
+        by : sequence of str
+            Components of the motion by which the reading is differentiated.
+        design : bool
+            Whether it is differentiated by the coefficients.
+        """
+        values = {name: c[..., None, at] for name, at in self.columns.items()}
+        seen = self._motion_components(motion, form)
+        return axis_response(self.measures, self.terms, values, seen, form, by, design=design)
+
+    def _motion_components(self, motion: Motion, form: Form) -> dict[str, Array]:
+        """Return the components of a motion that act on the axes, by name, (..., n, k)."""
+        lead = np.broadcast_shapes(
+            *(v.shape[:-1] for v in (motion.f, motion.w, motion.dw)),
+            np.shape(motion.dT),
+            np.shape(motion.dTdt),
+        )
+        seen: dict[str, Array] = {}
+        rotated = self.frames.reshape(-1, 3).T
+        for letter, vectors in zip(_VECTORS, (motion.f, motion.w, motion.dw), strict=True):
+            if letter == self.measures or self._uses(letter, form):
+                along = (vectors @ rotated).reshape(*vectors.shape[:-1], -1, 3)
+                seen |= {letter + axis: along[..., k] for k, axis in enumerate("ipo")}
+        along = ALONG[self.measures]
+        # The shape of the reading is that of the whole motion, whatever of it acts.
+        if seen[along].shape[:-1] != lead:
+            seen[along] = np.broadcast_to(seen[along], (*lead, len(self.members)))
+        for sign, component in (("si", "fi"), ("swi", "wi")):
+            if any(term.basis.uses(sign) for term in self.terms):
+                seen[sign] = np.sign(seen[component])
+        seen["dT"] = np.asarray(motion.dT, dtype=float)[..., None]
+        seen["dTdt"] = np.asarray(motion.dTdt, dtype=float)[..., None]
+        return seen
+
+    def _uses(self, letter: str, form: Form) -> bool:
+        names = [letter + axis for axis in "ipo"]
+        names += {"f": ["si"], "w": ["swi"]}.get(letter, [])
+        arms = form == "tilted" and any(term.name in ARMS for term in self.terms)
+        return arms or any(term.basis.uses(*names) for term in self.terms)
+
+    def add_slope(self, response: AxisResponse, slope: Array) -> None:
+        """Write the slope of the readings to f and ω into (..., n, m, 6) of all m axes."""
+        for first, letter in ((0, "f"), (3, "w")):
+            # The axes I, P, O of each axis of the sensor, weighted by the derivatives.
+            total = None
+            for place, axis in enumerate("ipo"):
+                column = response.motion_derivatives.get(letter + axis)
+                if column is not None:
+                    part = column[..., None] * self.frames[:, place]
+                    total = part if total is None else total + part
+            if total is not None:
+                slope[..., self.members, first : first + 3] = total

@@ -1,0 +1,158 @@
+"""A budget as rows of text, rounded to the uncertainty, and as one JSON object in SI."""
+
+from dataclasses import dataclass
+from math import hypot, log10
+from typing import Any, Literal
+
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.physics.sensors import SI_UNITS
+from inercal.pipeline.budget import Budget, BudgetDeviations
+
+SCHEMA = "inercal budget 1"
+_SMALL = 0.01  # of the total: smaller contributions share one row
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """One row of a coefficient.
+
+    Parameters
+    ----------
+    name, stated : str
+        The imperfection and its deviation as stated.
+    first_order, monte_carlo, error : str
+        The contribution, in the coefficient's unit; a combined row has no error.
+    share : float
+        Its part of the total variance by Monte Carlo.
+    kind : "line", "others" or "total"
+    size, linear : float
+        `monte_carlo` and `first_order` as numbers, for a figure.
+    """
+
+    name: str
+    stated: str
+    first_order: str
+    monte_carlo: str
+    error: str
+    share: float
+    kind: Literal["line", "others", "total"]
+    size: float
+    linear: float
+
+
+def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
+    """Return the rows of coefficient k: contributions, largest first; small ones combined; total.
+
+    The total is of all imperfections drawn together; to first order it is the root of the sum of
+    squares.
+    """
+    sensor = budget.experiment.sensor
+    si = sensor.coefficient(sensor.coefficients[k]).si
+    total = float(budget.total.monte_carlo[k]) / si
+    rows: list[BudgetRow] = []
+    small: list[tuple[float, float]] = []
+
+    def share(size: float) -> float:
+        return (size / total) ** 2 if total else 0.0
+
+    for imperfection, deviations in budget.sorted_contributions(k):
+        linear, size, error = (
+            float(x[k]) / si
+            for x in (deviations.first_order, deviations.monte_carlo, deviations.error)
+        )
+        if max(linear, size) < _SMALL * total:
+            small.append((linear, size))
+            continue
+        cells = (
+            format_value_and_uncertainty(linear, error)[0],
+            *format_value_and_uncertainty(size, error),
+        )
+        rows.append(
+            BudgetRow(
+                imperfection.name, imperfection.stated, *cells, share(size), "line", size, linear
+            )
+        )
+    if small:
+        linear, size = (hypot(*column) for column in zip(*small, strict=True))
+        name = f"{len(small)} other" + "s" * (len(small) > 1)
+        cells = (f"{linear:.2g}", f"{size:.2g}", "")
+        rows.append(BudgetRow(name, "", *cells, share(size), "others", size, linear))
+    linear, error = (float(x[k]) / si for x in (budget.total.first_order, budget.total.error))
+    cells = (
+        format_value_and_uncertainty(linear, error)[0],
+        *format_value_and_uncertainty(total, error),
+    )
+    rows.append(BudgetRow("total", "", *cells, 1.0, "total", total, linear))
+    return rows
+
+
+def uncertainty_and_bias_cells(budget: Budget, k: int) -> tuple[str, str, str]:
+    """Return the uncertainty that the estimator states, the bias by Monte Carlo, and its error."""
+    sensor = budget.experiment.sensor
+    si = sensor.coefficient(sensor.coefficients[k]).si
+    total, error = float(budget.total.monte_carlo[k]), float(budget.total.error[k])
+    bias = format_value_and_uncertainty(float(budget.bias[k]) / si, total / si / budget.trials**0.5)
+    return format_value_and_uncertainty(float(budget.stated[k]) / si, error / si)[0], *bias
+
+
+def shift_cells(budget: Budget, k: int) -> list[str]:
+    """Return the shifts of coefficient k in its unit, three digits; 0 for rounding errors."""
+    sensor = budget.experiment.sensor
+    si = sensor.coefficient(sensor.coefficients[k]).si
+    least = 1e-4 * float(budget.total.monte_carlo[k])
+    sizes = [float(one.shift[k]) for one in budget.shifts]
+    return [_three_digits(x / si) if abs(x) > least else "0" for x in sizes]
+
+
+def _three_digits(x: float) -> str:
+    return f"{x:+.3g}" if abs(x) < 999.5 else f"{round(x, 2 - int(log10(abs(x)))):+.0f}"
+
+
+def budget_as_dict(budget: Budget) -> dict[str, Any]:
+    """Return a budget as an object for JSON; numbers are in the `unit` of the coefficient, SI."""
+    sensor = budget.experiment.sensor
+
+    def coefficient(k: int, name: str) -> dict[str, Any]:
+        return {
+            "name": name,
+            "unit": SI_UNITS[sensor.coefficient(name).unit],
+            "truth": float(budget.experiment.true_values[k]),
+            "stated": float(budget.stated[k]),
+            "bias": float(budget.bias[k]),
+            "total": _deviations_as_dict(budget.total, k),
+            "contributions": [
+                {"name": one.name} | _deviations_as_dict(deviations, k)
+                for one, deviations in budget.sorted_contributions(k)
+            ],
+            "shifts": [{"name": x.name, "shift": float(x.shift[k])} for x in budget.shifts],
+        }
+
+    return {
+        "schema": SCHEMA,
+        "sensor": sensor.name,
+        "plan": [
+            {"label": step.label, "what": step.describe(), "seconds": step.seconds}
+            for step in budget.experiment.steps
+        ],
+        "trials": budget.trials,
+        "seed": budget.seed,
+        "imperfections": [
+            {
+                "name": one.name,
+                "meaning": one.meaning,
+                "stated": one.stated,
+                "draws": len(one.draws),
+            }
+            for one in budget.contributions
+        ],
+        "effects": [{"name": x.name, "value": x.value} for x in budget.shifts],
+        "coefficients": [coefficient(k, name) for k, name in enumerate(sensor.coefficients)],
+    }
+
+
+def _deviations_as_dict(deviations: BudgetDeviations, k: int) -> dict[str, float]:
+    return {
+        "first_order": float(deviations.first_order[k]),
+        "monte_carlo": float(deviations.monte_carlo[k]),
+        "monte_carlo_error": float(deviations.error[k]),
+    }

@@ -1,0 +1,173 @@
+"""The contribution of each imperfection to each coefficient, and the shifts by known effects.
+
+First order (GUM, JCGM 100:2008, 5.1): c_k = ∂E/∂z_k by central differences over one standard
+deviation, so that an effect that is lost in rounding there is none; the draws of one imperfection
+are added in squares, and so are the imperfections. Monte Carlo (GUM Supplement 1, JCGM 101:2008,
+clause 7): each imperfection is drawn alone, then all together; the same draws serve both.
+
+The two differ where an estimate depends nonlinearly on an error, or where errors interact.
+
+A known effect that is left uncorrected shifts an estimate. Either the bench corrects for it,
+such as earth's rate: the readings contain it, and the estimator is given a bench without it. Or the
+sensor has a coefficient that is not estimated, such as a lever arm: the readings contain it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.parallel import Executor
+from inercal.basics.units import Measured
+from inercal.benches import MeanBench
+from inercal.benches.kind_definition import Effect
+from inercal.benches.kinds import kind_for_bench
+from inercal.estimation.uncertainty import monte_carlo
+from inercal.estimation.uncertainty.monte_carlo import BATCH
+from inercal.pipeline.budget.imperfections import NOISE
+from inercal.pipeline.budget.virtual_experiment import Experiment
+
+ProgressCallback = Callable[[int, int], None]
+ALL_IMPERFECTIONS = "together"
+
+
+def first_order_contributions(experiment: Experiment) -> dict[str, Array]:
+    """Return the contribution of each imperfection by name, (p,) SI standard deviations."""
+    n, z = experiment.size, experiment.expansion_point
+    shifted = np.concatenate([z + np.eye(n), z - np.eye(n)])
+    estimates = np.concatenate([experiment(shifted[k : k + BATCH]) for k in range(0, 2 * n, BATCH)])
+    by_draw = (estimates[:n] - estimates[n:]) / 2
+    return {
+        name: np.sqrt(np.sum(by_draw[columns] ** 2, axis=0))
+        for name, columns in experiment.draw_columns.items()
+    }
+
+
+def monte_carlo_estimates(
+    experiment: Experiment,
+    trials: int,
+    seed: int,
+    progress: ProgressCallback | None = None,
+    executor: Executor | None = None,
+) -> dict[str, Array]:
+    """Return the estimates, (trials, p) SI, by the name of the only imperfection that is drawn.
+
+    Those with all of them drawn are `ALL_IMPERFECTIONS`.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    trials : int
+    seed : int
+    progress : callable, optional
+        Called with the number of trials done, and of all trials.
+    executor : Executor, optional
+        Where trials are computed; by default in this process.
+    """
+    names = list(experiment.draw_columns)
+    # Without other imperfections the noise alone is all of them.
+    runs = [ImperfectionTrials(experiment, name) for name in names]
+    if names != [NOISE]:
+        runs.append(ImperfectionTrials(experiment, ALL_IMPERFECTIONS))
+    found = monte_carlo(runs, trials, seed, progress=progress, executor=executor)
+    return {ALL_IMPERFECTIONS: found[NOISE]} | found
+
+
+@dataclass(frozen=True, eq=False)
+class ImperfectionTrials:
+    """Estimates with one imperfection drawn, or `ALL_IMPERFECTIONS`; of equal draws of all."""
+
+    experiment: Experiment
+    name: str
+
+    def __call__(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
+        """Return the estimates of so many trials, (count, p) SI, by the name."""
+        z = rng.standard_normal((count, self.experiment.size))
+        if self.name == ALL_IMPERFECTIONS:
+            return {self.name: self.experiment(z)}
+        columns = self.experiment.draw_columns[self.name]
+        alone = np.tile(self.experiment.expansion_point, (count, 1))
+        alone[:, columns] = z[:, columns]
+        return {self.name: self.experiment(alone)}
+
+
+def sample_deviation(estimates: Array) -> tuple[Array, Array]:
+    """Return the standard deviation of (trials, p) and its standard error, (p,) each.
+
+    The error is that of any distribution with a fourth moment, √(m₄ − s⁴ (n−3)/(n−1)) / (2 s √n);
+    of a normal one it is s / √(2n).
+    """
+    n = len(estimates)
+    sd = np.std(estimates, axis=0, ddof=1)
+    centred = np.where(sd > 0, (estimates - estimates.mean(axis=0)) / np.where(sd > 0, sd, 1), 0)
+    fourth = np.mean(centred**4, axis=0)
+    return sd, sd * np.sqrt(np.maximum(fourth - (n - 3) / (n - 1), 0) / n) / 2
+
+
+def root_sum_of_squares(parts: Sequence[Array]) -> Array:
+    """Return the root of the sum of squares of arrays (p,)."""
+    return np.sqrt(np.sum(np.square(parts), axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Shift:
+    """The shift of the estimates by a known effect that is left uncorrected.
+
+    Parameters
+    ----------
+    name : str
+    value : str
+        Size of the effect as printed.
+    shift : (p,) array
+        Of the estimates, SI.
+    """
+
+    name: str
+    value: str
+    shift: Array
+
+
+def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
+    """Return the shifts by each known effect, then by all together where there are several."""
+    bench, own, z = experiment.bench, experiment.sensor.coefficients, experiment.expansion_point
+    # The mean over a draw of the noise and its mirror image cancels first-order noise.
+    readings, priors = experiment.simulated_readings(np.stack([z, -z]))
+    q = {name: np.array(parameter.value) for name, parameter in experiment.bench_parameters.items()}
+    quiet = experiment.readings(q, own)
+    corrected = experiment.estimates(readings, priors)
+
+    def shift_with(other: MeanBench, more: tuple[str, ...] = ()) -> Array:
+        changed = readings + experiment.readings(q, (*own, *more)) - quiet
+        return np.mean(experiment.estimates(changed, priors, other) - corrected, axis=0)
+
+    shifts: list[Shift] = []
+    absent: dict[str, Measured | float] = {}
+    for effect in kind_for_bench(bench).effects:
+        value = _effect_value(getattr(bench, effect.field))
+        if value and _effect_reaches_sensor(experiment, effect):
+            absent[effect.field] = effect.absent
+            shift = shift_with(replace(bench, **{effect.field: effect.absent}))
+            shifts.append(Shift(effect.name, f"{value * effect.per:.4g} {effect.unit}", shift))
+    more = tuple(name for name, c in experiment.truth.items() if name not in own and c)
+    full = replace(experiment.sensor, coefficients=(*own, *more))
+    for name in more:
+        line = full.coefficient(name)
+        text = f"{experiment.truth[name] / line.si:.4g} {line.unit}"
+        shifts.append(Shift(name, text, shift_with(bench, (name,))))
+    if len(shifts) > 1:
+        shifts.append(Shift("all of these", "", shift_with(replace(bench, **absent), more)))
+    return tuple(shifts)
+
+
+def _effect_value(stated: Measured | float | None) -> float:
+    """Return the value of a field; zero for an unknown value, which is no known effect."""
+    if stated is None:
+        return 0.0
+    return stated.value if isinstance(stated, Measured) else stated
+
+
+def _effect_reaches_sensor(experiment: Experiment, effect: Effect) -> bool:
+    """Return whether the sensor measures the effect: only gyros measure earth rate in a hand."""
+    gyros = any(axis.measures == "w" for axis in experiment.sensor.axes)
+    return gyros or not effect.affects_rates

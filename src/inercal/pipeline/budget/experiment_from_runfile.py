@@ -1,0 +1,96 @@
+"""From a run file to the virtual experiment of its budget. Its data are not read."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.methods.temperature import refuse_temperature_terms_in_plan
+from inercal.physics.sensors import Axis
+from inercal.pipeline.budget.plan_requirements import require_budget_plan
+from inercal.pipeline.budget.virtual_experiment import Experiment
+from inercal.recordings.data.recording_loader import stated_deviations
+from inercal.runfile import Run
+
+_SECTION = {"f": "accelerometer", "w": "gyro"}
+
+
+def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment:
+    """Return the experiment that a run file describes.
+
+    Parameters
+    ----------
+    run : Run
+    free_attitudes : bool
+        Whether the method may estimate the attitudes, from means.
+
+    The noise of a mean is its stated deviation ([data.sd]), else the white noise of the axis over
+    the step. A coefficient with a prior and no [sensor.truth] truly has the value of the prior.
+
+    Raises
+    ------
+    InputError
+        A method without a plan of attitudes, or no noise.
+    """
+    if run.method.unknown_attitudes and not free_attitudes:
+        raise InputError(
+            f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} estimates "
+            "attitudes from the recording; use inercal plan, which simulates a recording",
+            file=run.path,
+            key="[method] name",
+        )
+    if run.kind.rows_of_table and run.data.kind == "means" and not run.has_plan_keys:
+        raise InputError(
+            f"{run.path}: a budget needs a plan, and the run file names a table: state [method] "
+            "attitudes, rates or turns",
+            file=run.path,
+            key="[method]",
+        )
+    try:
+        refuse_temperature_terms_in_plan(run.sensor)
+        bench = require_budget_plan(run.bench, run.steps)
+        believed = {
+            name: float(value)
+            for prior in run.priors
+            for name, value in zip(prior.names, prior.mean, strict=True)
+        }
+        return Experiment(
+            run.sensor,
+            bench,
+            run.steps,
+            run.solver(),
+            _noise_covariance(run),
+            run.priors,
+            believed | dict(run.truth),
+        )
+    except InputError as error:
+        raise error.located(run.path) from None
+
+
+def _noise_covariance(run: Run) -> Array:
+    """Return the covariance of the mean readings, (r, m, m) SI."""
+    stated = stated_deviations(run)
+    variance = np.array(
+        [[_mean_variance(stated, a, step.seconds) for a in run.sensor.axes] for step in run.steps]
+    )
+    return variance[..., None] * np.eye(variance.shape[1])
+
+
+def _mean_variance(stated: Mapping[str, float], axis: Axis, seconds: float) -> float:
+    kind = _SECTION[axis.measures]
+    if axis.measures in stated:
+        return stated[axis.measures] ** 2
+    if not axis.noise.white:
+        raise InputError(
+            f"[sensor.{kind}] white is missing: a budget needs it; state it, or the standard "
+            f"deviation of a mean, [data.sd] {kind}",
+            key=f"[sensor.{kind}] white",
+        )
+    if not seconds:
+        raise InputError(
+            "the plan states no duration of its steps, which white noise needs; state [method] "
+            "seconds",
+            key="[method] seconds",
+        )
+    return axis.noise.white**2 / seconds

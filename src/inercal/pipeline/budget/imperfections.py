@@ -1,0 +1,146 @@
+"""The imperfections of a calibration: errors of the bench, noise of the readings, and priors.
+
+Each imperfection is a number of independent draws. One that a bench declares for every position,
+turn or dwell, or about every axis, is one line of a budget: its draws are added in squares.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi, radians
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
+from inercal.estimation import Gaussian
+from inercal.physics.sensors import G0, Sensor
+
+NOISE = "noise"
+_COPY_SUFFIX = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # of a name: the axis, the step
+_AXIS_SUFFIX = re.compile(
+    r" about [xyz]$|, (toward the centre|along)$"
+)  # of a meaning: which of them
+_PARAMETER_TITLES = {  # names of parameters that are not words already
+    "g": "gravity",
+    "mount": "mounting",
+    "index": "indexing",
+    "dwell_rate": "rate of dwells",
+    "dwell_tilt": "tilt of dwells",
+    "earth_up": "earth rate, vertical",
+    "earth": "earth rate, level",
+    "angle": "turn angle",
+    "axis": "turn axis",
+    "timebase": "clock",
+    "sin": "head, sines",
+    "cos": "head, cosines",
+    "base": "zero of the head",
+    "division": "graduations",
+    "trim": "autocollimator, pairs",
+    "face": "autocollimator, faces",
+    "polygon": "polygon's faces",
+    "pier": "tilt of the base",
+    "creep": "creep of the base",
+}
+_PRINTED_UNITS = {  # unit in SI: as printed, its SI size
+    "m": ("µm", 1e-6),
+    "m/s²": ("µg", 1e-6 * G0),
+    "(m/s²)⁻¹": ("ppm/g", 1e-6 / G0),
+    "1": ("ppm", 1e-6),
+    "rad/s": ("°/h", pi / 648_000),
+}
+
+
+@dataclass(frozen=True)
+class Imperfection:
+    """One line of a budget.
+
+    Parameters
+    ----------
+    name : str
+        One or two words.
+    meaning : str
+        One line for a report.
+    stated : str
+        Its standard deviation as printed.
+    draws : tuple of str
+        Names of its independent draws: parameters of the bench by full name, readings
+        ("x[p01_r1]"), or coefficients.
+    """
+
+    name: str
+    meaning: str
+    stated: str
+    draws: tuple[str, ...]
+
+
+def bench_imperfections(declared: Mapping[str, Parameter]) -> list[Imperfection]:
+    """Return the imperfections of a bench, without those that are stated as exact.
+
+    Parameters
+    ----------
+    declared : mapping of str to Parameter
+        By full name such as "index_x[p07]".
+    """
+    groups: dict[str, list[str]] = {}
+    for name, parameter in declared.items():
+        if parameter.sd > 0:
+            groups.setdefault(_COPY_SUFFIX.sub("", name), []).append(name)
+    found: list[Imperfection] = []
+    for key, names in groups.items():
+        first = declared[names[0]]
+        deviations = [declared[name].sd for name in names]
+        meaning = _AXIS_SUFFIX.sub("", first.meaning)
+        word = _PARAMETER_TITLES.get(key, key)
+        found.append(
+            Imperfection(word, meaning, format_deviations(deviations, first.unit), tuple(names))
+        )
+    return found
+
+
+def noise_imperfection(sensor: Sensor, labels: Sequence[str], noise: Array) -> Imperfection:
+    """Return the noise of the readings.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    labels : sequence of r str
+        Of the rows.
+    noise : (r, m, m) array
+        Covariance of the readings of each row, SI.
+    """
+    sd = np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1))
+    texts: list[str] = []
+    for kind, unit in (("f", "m/s²"), ("w", "rad/s")):
+        members = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        if members:
+            texts.append(format_deviations(sd[:, members].ravel().tolist(), unit))
+    draws = tuple(f"{channel}[{label}]" for label in labels for channel in sensor.channels)
+    return Imperfection(NOISE, "noise of each mean reading", ", ".join(texts), draws)
+
+
+def prior_imperfection(sensor: Sensor, prior: Gaussian) -> Imperfection:
+    """Return the uncertainty of a prior on coefficients."""
+    names = ", ".join(prior.names)
+    sd = np.sqrt(np.diagonal(prior.covariance)).tolist()
+    lines = [sensor.coefficient(name) for name in prior.names]
+    texts = [f"{x / line.si:.3g} {line.unit}" for x, line in zip(sd, lines, strict=True)]
+    return Imperfection(f"prior of {names}", "known from elsewhere", ", ".join(texts), prior.names)
+
+
+def format_deviations(deviations: Sequence[float], unit: str) -> str:
+    """Return one standard deviation, or the range of several, in a unit of a readable size.
+
+    Examples
+    --------
+    >>> format_deviations([1e-5, 1e-5], "m"), format_deviations([1e-4, 3e-4], "1")
+    ('10 µm', '100 – 300 ppm')
+    """
+    low, high = min(deviations), max(deviations)
+    name, si = _angle_unit(high) if unit == "rad" else _PRINTED_UNITS[unit]
+    ends = [f"{x / si:.3g}" for x in (low, high)]
+    return f"{' – '.join(dict.fromkeys(ends))} {name}"
+
+
+def _angle_unit(size: float) -> tuple[str, float]:
+    return ("°", radians(1)) if abs(size) >= radians(0.09) else ("″", radians(1) / 3600)

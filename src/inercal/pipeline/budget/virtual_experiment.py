@@ -1,0 +1,273 @@
+"""A calibration as a function of all imperfections.
+
+The estimator is a black box. All imperfections together are a vector z of independent standard
+normal numbers, and the calibration is one function of it::
+
+    z  ->  errors of the bench, noise of the readings, errors of the priors
+       ->  readings = forward(motion(bench's errors), truth) + noise
+       ->  estimate(readings; the bench as stated, with its priors)  =  E(z)
+
+Its derivative at a point is the budget to first order (GUM 5.1), its spread when z is drawn that
+by Monte Carlo (GUM Supplement 1, JCGM 101:2008).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
+from inercal.benches import MeanBench
+from inercal.estimation import Estimate, Gaussian
+from inercal.physics.plan import Step
+from inercal.physics.sensors import Sensor
+from inercal.pipeline.budget.imperfections import (
+    NOISE,
+    Imperfection,
+    bench_imperfections,
+    noise_imperfection,
+    prior_imperfection,
+)
+from inercal.pipeline.budget.plan_requirements import require_budget_plan
+from inercal.recordings import Observations
+
+Estimator = Callable[..., Estimate]  # observations, sensor, bench, steps, priors
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A sensor on a bench, a plan, and an estimator.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        With the p coefficients that are estimated.
+    bench : MeanBench
+        As stated to the estimator; its errors are drawn with the deviations it states.
+    steps : tuple of r Step
+        The plan.
+    estimator : callable
+        From observations, sensor, bench, steps and priors to an estimate.
+    noise : (r, m, m) array
+        Covariance of the mean readings of each step, SI, positive definite.
+    priors : tuple of Gaussian
+        On coefficients, from elsewhere: their means are drawn about the truth.
+    truth : mapping of str to float
+        Coefficients by full name, SI; those missing are zero. Those that are not estimated are
+        known effects, and play no part here (see `inercal.pipeline.budget.contributions`).
+
+    Raises
+    ------
+    InputError
+        A plan without attitudes, or of another bench; noise that is not positive definite.
+    """
+
+    sensor: Sensor
+    bench: MeanBench
+    steps: tuple[Step, ...]
+    estimator: Estimator
+    noise: Array
+    priors: tuple[Gaussian, ...] = ()
+    truth: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    def __post_init__(self) -> None:
+        require_budget_plan(self.bench, self.steps)
+        shape = (len(self.steps), *[len(self.sensor.axes)] * 2)
+        if self.noise.shape != shape:
+            raise InputError(f"noise has shape {self.noise.shape}; give shape {shape}", key="noise")
+        variance = np.diagonal(self.noise, axis1=-2, axis2=-1)
+        if not (np.isfinite(self.noise).all() and (variance > 0).all()):
+            raise InputError(
+                "the noise of the readings must be finite and positive for a budget", key="noise"
+            )
+
+    @cached_property
+    def true_values(self) -> Array:
+        """True values of the estimated coefficients, (p,) SI."""
+        return self._true_coefficients(self.sensor.coefficients)
+
+    def _true_coefficients(self, names: tuple[str, ...]) -> Array:
+        return np.array([self.truth.get(name, 0.0) for name in names])
+
+    @cached_property
+    def bench_parameters(self) -> dict[str, Parameter]:
+        """The bench's parameters by full name, those that are exact included."""
+        return dict(self.bench.nuisances(self.steps, self.sensor))
+
+    @cached_property
+    def imperfections(self) -> tuple[Imperfection, ...]:
+        """The lines of the budget; z holds their draws one after the other."""
+        labels = [step.label for step in self.steps]
+        noise = noise_imperfection(self.sensor, labels, self.noise)
+        return (*bench_imperfections(self.bench_parameters), *self._prior_imperfections, noise)
+
+    @cached_property
+    def _prior_imperfections(self) -> tuple[Imperfection, ...]:
+        return tuple(prior_imperfection(self.sensor, prior) for prior in self.priors)
+
+    @cached_property
+    def draw_columns(self) -> dict[str, slice]:
+        """Where z holds the draws of each imperfection, by its name."""
+        ends = np.cumsum([0, *(len(one.draws) for one in self.imperfections)]).tolist()
+        names = [one.name for one in self.imperfections]
+        return {name: slice(*ends[k : k + 2]) for k, name in enumerate(names)}
+
+    @property
+    def size(self) -> int:
+        """Length of z."""
+        return sum(len(one.draws) for one in self.imperfections)
+
+    def __call__(self, z: Array) -> Array:
+        """Return E(z), the estimates (n, p) of n trials, z (n, size).
+
+        Raises
+        ------
+        InputError
+            The estimator did not converge, or refused the readings.
+        """
+        return self.estimates(*self.simulated_readings(z))
+
+    @cached_property
+    def expansion_point(self) -> Array:
+        """Return the point of expansion, (size,): no errors of the bench, one draw of the noise.
+
+        Without noise an estimator that weighs by residuals, or ends by their size, would see only
+        rounding errors.
+        """
+        z = np.zeros(self.size)
+        noise = self.draw_columns[NOISE]
+        z[noise] = np.random.default_rng(0).standard_normal(noise.stop - noise.start)
+        return z
+
+    def simulated_readings(self, z: Array) -> tuple[Array, tuple[Gaussian, ...]]:
+        """Return readings, (n, r, m) SI, and the priors with their means as drawn, (n, k)."""
+        loose = [name for name, parameter in self.bench_parameters.items() if parameter.sd > 0]
+        q = {name: np.array(parameter.value) for name, parameter in self.bench_parameters.items()}
+        drawn = {name: one for one in self.imperfections for name in one.draws if name in q}
+        places = {
+            name: self.draw_columns[one.name].start + one.draws.index(name)
+            for name, one in drawn.items()
+        }
+        joint, root = self._joint_draws
+        for name in loose:
+            if name not in joint:
+                q[name] = q[name] + self.bench_parameters[name].sd * z[:, places[name]]
+        if joint:
+            errors = z[:, [places[name] for name in joint]] @ root.T
+            q |= {name: q[name] + errors[:, k] for k, name in enumerate(joint)}
+        priors: list[Gaussian] = []
+        for prior, one in zip(self.priors, self._prior_imperfections, strict=True):
+            error = z[:, self.draw_columns[one.name]] @ np.linalg.cholesky(prior.covariance).T
+            priors.append(replace(prior, mean=self._true_coefficients(prior.names) + error))
+        noise = z[:, self.draw_columns[NOISE]].reshape(-1, *self.noise.shape[:2])
+        noise = (np.linalg.cholesky(self.noise) @ noise[..., None])[..., 0]
+        return self.readings(q, self.sensor.coefficients) + noise, tuple(priors)
+
+    @cached_property
+    def _joint_draws(self) -> tuple[list[str], Array]:
+        """The qualified parameters that are drawn, and the root of their covariance."""
+        known: QualifiedParameters = getattr(self.bench, "qualified", NOT_QUALIFIED)
+        declared = self.bench_parameters
+        names = [
+            name
+            for name in known.names
+            if name in declared and declared[name].scope == "run" and declared[name].sd > 0
+        ]
+        covariance = known.joint_covariance([declared[name] for name in names])
+        return names, np.asarray(np.linalg.cholesky(covariance), dtype=float)
+
+    def readings(self, q: Mapping[str, Array], coefficients: tuple[str, ...]) -> Array:
+        """Return readings without noise, (..., r, m) SI.
+
+        Parameters
+        ----------
+        q : mapping of str to (...) array
+            The bench's parameters by full name.
+        coefficients : tuple of str
+            Those that the sensor truly has, with the values of `truth`.
+        """
+        sensor = replace(self.sensor, coefficients=coefficients)
+        result = self.bench.mean_motion(self.steps, q).motion
+        added = self.bench.reading_offsets(self.steps, sensor, q)
+        return sensor.forward(result, self._true_coefficients(coefficients)) + added
+
+    def estimates(
+        self, readings: Array, priors: tuple[Gaussian, ...], bench: MeanBench | None = None
+    ) -> Array:
+        """Return the coefficients estimated from readings (n, r, m), (n, p) SI.
+
+        Parameters
+        ----------
+        readings : (n, r, m) array
+        priors : tuple of Gaussian
+            Means (n, k).
+        bench : MeanBench, optional
+            As stated to the estimator, where it is not the one that made the readings.
+        """
+        if self._accepts_trials:
+            found = self._run_estimator(readings, priors, bench)
+            values, converged = found.value, found.converged
+        else:
+            singles = [
+                self._run_estimator(row, tuple(replace(g, mean=g.mean[k]) for g in priors), bench)
+                for k, row in enumerate(readings)
+            ]
+            values = np.stack([one.value for one in singles])
+            converged = np.array([bool(one.converged) for one in singles])
+        if not np.all(converged):
+            raise InputError(
+                f"the estimator did not converge in {int(np.sum(~converged))} of {len(readings)} "
+                "trials; check the plan and the stated noise"
+            )
+        return values[:, : len(self.sensor.coefficients)]
+
+    @cached_property
+    def _accepts_trials(self) -> bool:
+        """Whether the estimator takes many tables at once; closed formulas take one."""
+        readings, priors = self.simulated_readings(self.expansion_point[None])
+        try:
+            self._run_estimator(readings, priors)
+        except InputError:
+            return False  # any other error is raised again for a single table
+        return True
+
+    def stated(self) -> Array:
+        """Return the standard uncertainties that the estimator states itself, (p,) SI."""
+        variance = np.diagonal(self.estimate().covariance)
+        return np.sqrt(variance[: len(self.sensor.coefficients)])
+
+    def estimate(self) -> Estimate:
+        """Return the estimate from the readings at the point of expansion.
+
+        Raises
+        ------
+        InputError
+            The estimator refused the readings.
+        NotObserved
+            Coefficients that the plan leaves open.
+        """
+        readings, priors = self.simulated_readings(self.expansion_point[None])
+        single = tuple(replace(g, mean=g.mean[0]) for g in priors)
+        return self._run_estimator(readings[0], single)
+
+    def observations(self, readings: Array) -> Observations:
+        """Return readings, (..., r, m) SI, as observations for the estimator."""
+        r = len(self.steps)
+        return Observations(
+            labels=tuple(step.label for step in self.steps),
+            mean=readings,
+            covariance=self.noise,
+            duration=np.array([step.seconds or 1.0 for step in self.steps]),
+            samples=np.ones(r, dtype=np.int64),
+            time=np.arange(r, dtype=float),
+            channels=self.sensor.channels,
+        )
+
+    def _run_estimator(
+        self, readings: Array, priors: tuple[Gaussian, ...], bench: MeanBench | None = None
+    ) -> Estimate:
+        seen = self.observations(readings)
+        return self.estimator(seen, self.sensor, bench or self.bench, self.steps, priors)

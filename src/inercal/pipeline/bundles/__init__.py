@@ -1,0 +1,218 @@
+"""A calibration with all that it came from, in one file, and computed again from it.
+
+A bundle is a ZIP file: the run file and the files that it names as they lie beside each other, the
+calibration file, and `manifest.json` with versions, machine and the SHA-256 of every file.
+"""
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo, is_zipfile
+
+from inercal.basics.atomic_files import atomic_write
+from inercal.basics.errors import InputError
+from inercal.calibration import Calibration
+from inercal.calibration.comparison.recomputation import largest_change
+from inercal.calibration.files import load
+from inercal.pipeline import Outcome, calibrate
+from inercal.pipeline.self_check import machine, versions
+from inercal.recordings.io.column_table import file_sha256
+from inercal.recordings.io.damaged_files import refuse_damage
+from inercal.runfile import read
+
+SCHEMA = "inercal/bundle/1"
+MANIFEST = "manifest.json"
+TOLERANCE = 1e-3
+"""The largest difference of a value or of u, in u, of a calibration that is reproduced."""
+_LARGEST_MANIFEST = 10_000_000  # bytes
+_FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # of ZIP: equal files give equal bundles
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """A calibration of a bundle, and what the same data give here.
+
+    Parameters
+    ----------
+    stored : Calibration
+        That of the bundle.
+    outcome : Outcome
+        What was computed here.
+    made_with, here : mapping of str to str
+        Versions and machine of the bundle, and of this computation.
+    difference : float
+        Largest difference of a value or its u, in stored u; inf where the coefficients differ.
+    """
+
+    stored: Calibration
+    outcome: Outcome
+    made_with: Mapping[str, str]
+    here: Mapping[str, str]
+    difference: float
+
+    @property
+    def reproduced(self) -> bool:
+        """Whether no coefficient differs by more than `TOLERANCE` u, and the verdict is equal."""
+        stored = self.stored.verdict
+        equal = stored is None or stored.grade == self.outcome.verdict.grade
+        return equal and self.difference <= TOLERANCE
+
+
+def write_bundle(run_file: Path, calibration_file: Path, target: Path) -> list[str]:
+    """Write a bundle, completely or not at all; return the names in it.
+
+    Raises
+    ------
+    InputError
+        The calibration is of another run file or another recording, the run file names a file
+        outside its folder, or a file cannot be read.
+    """
+    run = read(run_file)
+    calibration = load(calibration_file)
+    for what, path in (("run file", run_file), ("recording", run.file(run.data.file))):
+        stated = calibration.provenance.get(f"{what} sha256", "")
+        if path.is_file() and stated != file_sha256(path):
+            raise InputError(
+                f"{calibration_file}: the calibration is of another {what} than {path}; calibrate "
+                "anew, or give the files that it came from",
+                file=calibration_file,
+                names=(str(path),),
+            )
+    folder = run_file.resolve().parent
+    named: dict[str, Path] = {}
+    for path in run.input_files():
+        if not path.resolve().is_relative_to(folder):
+            raise InputError(
+                f"{run_file}: {path} is outside the folder of the run file; copy it into that "
+                "folder and name the copy",
+                file=run_file,
+                names=(str(path),),
+            )
+        named[path.resolve().relative_to(folder).as_posix()] = path
+    named[f"result/{calibration_file.name}"] = calibration_file
+    hashes = {name: file_sha256(path) for name, path in named.items()}
+    manifest = {
+        "schema": SCHEMA,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "run_file": run_file.name,
+        "calibration": f"result/{calibration_file.name}",
+        "made_with": {**versions(), **machine()},
+        "files": {
+            name: {"sha256": hashes[name], "bytes": path.stat().st_size}
+            for name, path in sorted(named.items())
+        },
+    }
+    with atomic_write(target) as part, ZipFile(part, "w", ZIP_DEFLATED) as archive:
+        text = json.dumps(manifest, indent=1, ensure_ascii=False)
+        archive.writestr(ZipInfo(MANIFEST, _FIRST_DAY), text)
+        for name, path in sorted(named.items()):
+            entry = ZipInfo(name, _FIRST_DAY)
+            entry.compress_type = ZIP_DEFLATED
+            with path.open("rb") as source, archive.open(entry, "w", force_zip64=True) as copy:
+                shutil.copyfileobj(source, copy)
+    return sorted(named)
+
+
+def is_bundle(path: Path) -> bool:
+    """Return whether a path is a ZIP file."""
+    return path.is_file() and is_zipfile(path)
+
+
+def reproduce_bundle(path: Path) -> Reproduction:
+    """Compute the calibration of a bundle again, in a folder that is removed.
+
+    Raises
+    ------
+    InputError
+        Not a bundle, damaged or changed, or its run cannot be calibrated here.
+    """
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        manifest = _extract(path, folder)
+        stored = load(folder / manifest["calibration"])
+        outcome = calibrate(read(folder / manifest["run_file"]))
+    return Reproduction(
+        stored,
+        outcome,
+        manifest["made_with"],
+        {**versions(), **machine()},
+        largest_change(outcome.calibration, stored.sensor.coefficients, stored.values, stored.std),
+    )
+
+
+def _extract(path: Path, folder: Path) -> dict[str, Any]:
+    """Write the files of a bundle into a folder; return its manifest.
+
+    Only files of the manifest are written, under plain relative names, with the bytes and the
+    SHA-256 that it states.
+    """
+    try:
+        with refuse_damage(path, "a bundle", "bundle it again"), ZipFile(path) as archive:
+            manifest = _manifest(archive, path)
+            need = sum(one["bytes"] for one in manifest["files"].values())
+            if need > shutil.disk_usage(folder).free:
+                raise InputError(
+                    f"{path}: its files take {need / 1e9:.1f} GB, more than is free in {folder}; "
+                    "set TMPDIR to a folder with room",
+                    file=path,
+                )
+            for name, one in manifest["files"].items():
+                target = folder / name
+                target.parent.mkdir(parents=True, exist_ok=True)
+                if archive.getinfo(name).file_size != one["bytes"]:
+                    raise _damaged(path, name)
+                with archive.open(name) as source, target.open("wb") as copy:
+                    shutil.copyfileobj(source, copy)
+                if file_sha256(target) != one["sha256"]:
+                    raise _damaged(path, name)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error}", file=path) from None
+    return manifest
+
+
+def _manifest(archive: ZipFile, path: Path) -> dict[str, Any]:
+    other = InputError(
+        f"{path}: no bundle of inercal: it has no {MANIFEST} of {SCHEMA}; give a file that "
+        "`inercal bundle` wrote",
+        file=path,
+    )
+    names = archive.namelist()
+    if MANIFEST not in names or archive.getinfo(MANIFEST).file_size > _LARGEST_MANIFEST:
+        raise other
+    try:
+        manifest: dict[str, Any] = json.loads(archive.read(MANIFEST))
+        if manifest["schema"] != SCHEMA:
+            raise other
+        files: dict[str, Any] = manifest["files"]
+        good = all(
+            isinstance(one["bytes"], int) and isinstance(one["sha256"], str)
+            for one in files.values()
+        )
+        named = {manifest["run_file"], manifest["calibration"]} <= set(files)
+        facts = isinstance(manifest["made_with"], dict)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise other from None
+    if not (good and named and facts):
+        raise other
+    for name in files:
+        parts = PurePosixPath(name).parts
+        if name.startswith("/") or ".." in parts or "\\" in name or ":" in name or not parts:
+            raise InputError(
+                f"{path}: the bundle names {name!r}, which is outside it; it is not used",
+                file=path,
+                names=(name,),
+            )
+    return manifest
+
+
+def _damaged(path: Path, name: str) -> InputError:
+    return InputError(
+        f"{path}: {name} is not the file that was bundled: its SHA-256 or its size differs",
+        file=path,
+        names=(name,),
+    )

@@ -1,0 +1,92 @@
+"""Expected uncertainties: those that the run's estimator states for its own plan.
+
+The readings are simulated by the bench as declared, with the noise and the priors as stated
+(`inercal.pipeline.budget.virtual_experiment`); the run's data are not read.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.basics.errors import InputError, NotObserved
+from inercal.estimation import Estimate
+from inercal.physics.sensors import Sensor
+from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
+from inercal.runfile import Run
+
+
+@dataclass(frozen=True)
+class ExpectedUncertainty:
+    """The expected uncertainty of a coefficient, or of a sum of two.
+
+    Parameters
+    ----------
+    name, meaning : str
+    unit : str
+        As printed.
+    size : float
+        SI size of the unit.
+    std : float
+        Standard uncertainty, SI.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    size: float
+    std: float
+
+
+def estimate_of_plan(run: Run, rows: str) -> Estimate:
+    """Return the estimate of the run's estimator from simulated readings of its plan.
+
+    Parameters
+    ----------
+    run : Run
+        Of a method with known attitudes, or of means.
+    rows : str
+        Name of the rows of the plan, "positions" or "states".
+
+    Raises
+    ------
+    InputError
+        No noise, or no result for this plan.
+    NotObserved
+        Coefficients that the plan leaves open.
+    """
+    experiment = experiment_from_run(run, free_attitudes=run.data.kind == "means")
+    try:
+        estimate = experiment.estimate()
+    except NotObserved as error:
+        text = f"the plan of {len(run.steps)} {rows} does not determine the coefficients"
+        raise error.located(text).located(run.path) from None
+    except InputError as error:
+        raise error.located(run.path) from None
+    if not (np.all(estimate.converged) and np.isfinite(estimate.covariance).all()):
+        raise InputError(
+            f"{run.path}: estimator {run.estimator} has no result for this plan; check the stated "
+            "noise and [sensor.truth]",
+            file=run.path,
+        )
+    return estimate
+
+
+def estimated_uncertainties(estimate: Estimate, sensor: Sensor) -> tuple[ExpectedUncertainty, ...]:
+    """Return the uncertainty of each coefficient of the sensor."""
+    # Not scaled by residuals: the scatter of one draw of the noise does not depend on the plan.
+    std = np.sqrt(np.diagonal(estimate.covariance)[: len(sensor.coefficients)])
+    return coefficient_uncertainties(
+        sensor, dict(zip(sensor.coefficients, std.tolist(), strict=True))
+    )
+
+
+def coefficient_uncertainties(
+    sensor: Sensor, std: Mapping[str, float]
+) -> tuple[ExpectedUncertainty, ...]:
+    """Return each coefficient of the sensor with its standard uncertainty, given by name, SI."""
+    lines = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
+    return tuple(
+        ExpectedUncertainty(name, line.meaning, line.unit, line.si, std[name])
+        for name, line in lines
+    )

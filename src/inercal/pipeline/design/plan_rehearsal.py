@@ -1,0 +1,159 @@
+"""Expected uncertainties of a plan by hand, from simulations of the plan."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.parallel import Executor, SerialExecutor, in_order
+from inercal.benches.kind_definition import Simulate
+from inercal.estimation import Estimate, Gaussian
+from inercal.methods.temperature import refuse_temperature_terms_in_plan
+from inercal.physics.plan import Hold, Step
+from inercal.physics.sensors import Sensor
+from inercal.pipeline import read_out
+from inercal.recordings import Mark, Recording
+from inercal.recordings.segments import marks_from_labels, observe, transitions_between_rests
+from inercal.runfile import Run
+
+SESSIONS = 5
+_SETTLING = 0.25  # s
+
+
+@dataclass(frozen=True, eq=False)
+class RehearsalResult:
+    """A plan and its expected uncertainties.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+    sensor : Sensor
+        With the coefficients that are estimated.
+    std : (p,) array
+        Expected standard uncertainties, SI: the median over rehearsals.
+    seconds : float
+        Of the complete plan with its moves.
+    """
+
+    steps: tuple[Step, ...]
+    sensor: Sensor
+    std: Array
+    seconds: float
+
+
+def default_run_file() -> Path:
+    """Return the packaged run file of a usual MEMS IMU in the hand."""
+    return Path(str(files("inercal") / "hand_held.toml"))
+
+
+def rehearse_plan(
+    run: Run, sessions: int = SESSIONS, executor: Executor | None = None
+) -> RehearsalResult:
+    """Simulate the run's plan, and return the uncertainties that its estimator states.
+
+    Parameters
+    ----------
+    run : Run
+        Of a method with free attitudes; only its sensor's noise and its bench matter.
+    sessions : int
+        Simulations; their median is robust against one that a χ² enlarges by chance.
+    executor : Executor, optional
+        Where the simulations run; by default in this process. The result is the same.
+
+    Raises
+    ------
+    InputError
+        No noise of the sensor, no rate, or a method with known attitudes.
+    """
+    if not run.method.unknown_attitudes:
+        raise InputError(
+            f"the plan of method {run.method.name} is fixed; use multi_position",
+            key="[method] name",
+        )
+    refuse_temperature_terms_in_plan(run.sensor)
+    if run.rate_hz is None:
+        raise InputError(
+            f'{run.path}: [data] rate is missing; add it for the simulation, such as rate = "100 '
+            'Hz"',
+            file=run.path,
+            key="[data] rate",
+        )
+    for axis in run.sensor.axes:
+        if not axis.noise.white:
+            key = f"[sensor.{'accelerometer' if axis.measures == 'f' else 'gyro'}] white"
+            raise InputError(
+                f"{run.path}: {key} is missing; add it for the simulation", file=run.path, key=key
+            )
+    rehearsal = _Rehearsal(
+        run.kind.simulate, run.bench, run.steps, run.kind.steps, run.sensor, run.priors,
+        run.method.estimator(run.estimator), run.rate_hz,
+    )  # fmt: skip
+    executor = executor or SerialExecutor()
+    for seed in range(sessions):
+        executor.submit(rehearsal, seed)
+    found: list[_Session] = list(in_order(executor))
+    std = np.median([one.std for one in found], axis=0)
+    return RehearsalResult(run.steps, run.sensor, std, found[-1].seconds)
+
+
+class _Session(NamedTuple):
+    """Standard uncertainties, (p,) SI, by one simulation, and its duration, s."""
+
+    std: Array
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Rehearsal:
+    """One simulation of a plan and its calibration; other processes take it without the run."""
+
+    simulate: Simulate[Any]
+    bench: Any
+    steps: tuple[Step, ...]
+    simulated_steps: tuple[type[Step], ...]
+    sensor: Sensor
+    priors: tuple[Gaussian, ...]
+    estimator: Callable[..., Estimate]
+    rate_hz: float
+
+    def __call__(self, seed: int) -> _Session:
+        recording = self._recording(np.random.default_rng(seed))
+        holds = tuple(step for step in self.steps if isinstance(step, Hold))
+        marks = _trimmed_marks(recording)
+        seen = observe(recording, self.sensor, marks, holds, by_hand=True)
+        if self.sensor.select_axes("w").axes:
+            turns = transitions_between_rests(recording, self.sensor, marks)
+            seen = replace(seen, transitions=turns)
+        estimate = self.estimator(seen, self.sensor, self.bench, self.steps, self.priors)
+        return _Session(estimate.std[: len(self.sensor.coefficients)], recording.duration)
+
+    def _recording(self, rng: np.random.Generator) -> Recording:
+        steps = [step for step in self.steps if isinstance(step, self.simulated_steps)]
+        done = self.simulate(
+            self.bench, steps, self.rate_hz, rng, 1, self.sensor, True
+        ).simulated_motion
+        c = np.zeros(len(self.sensor.coefficients))
+        data = read_out(self.sensor, done.motion, c, self.rate_hz, rng)[0]
+        units = tuple(axis.readout.unit for axis in self.sensor.axes)
+        return Recording(
+            done.time,
+            data,
+            self.sensor.channels,
+            units,
+            done.labels,
+            source="the planned recording",
+        )
+
+
+def _trimmed_marks(recording: Recording) -> tuple[Mark, ...]:
+    # The hand is steady some time after it arrives and before it leaves.
+    trim = round(_SETTLING * recording.rate_hz)
+    return tuple(
+        replace(mark, start=mark.start + trim, stop=mark.stop - trim)
+        for mark in marks_from_labels(recording)
+    )

@@ -1,0 +1,297 @@
+"""The path of a turntable before a run: its steps, duration and expected uncertainties.
+
+The covariance of an estimate does not depend on the noise that is drawn, and hardly on the sensor:
+the method's own estimator processes the path as an ideal sensor records it on an ideal table, with
+noise and table as stated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inercal.basics.errors import InputError, NotObserved
+from inercal.benches.turntable import Turntable, require_turntable
+from inercal.benches.turntable.attitude import motion, reference_attitude
+from inercal.benches.turntable.reading.still_table_observation import find_rests
+from inercal.benches.turntable.simulation import PathProfile, path_profile
+from inercal.methods.systematic.vertical_turns import vertical_turn_messages
+from inercal.methods.temperature import refuse_temperature_terms_in_plan
+from inercal.methods.turntable import model
+from inercal.methods.turntable_kalman import METHOD as KALMAN
+from inercal.methods.turntable_kalman import combined_estimate
+from inercal.methods.turntable_kalman.filter_config import FILTER_KINDS
+from inercal.physics.plan import Position, TableStep
+from inercal.pipeline.design.expected_uncertainty import (
+    ExpectedUncertainty,
+    coefficient_uncertainties,
+    estimated_uncertainties,
+)
+from inercal.recordings import Observations, Track
+from inercal.runfile import Run
+
+
+# Expected uncertainties of a path for a method that uses no angle of the table.
+#
+# A sensor without errors but for its white noise records the path on an ideal table; the method
+# finds the rests in its gyros.
+def still_table_uncertainties(
+    run: Run, bench: Turntable, track: Track
+) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
+    """Return the expected uncertainties, and warnings of turns about the vertical.
+
+    Parameters
+    ----------
+    run : Run
+    bench : Turntable
+        Ideal.
+    track : Track
+        Of the whole path.
+
+    Raises
+    ------
+    InputError
+        A path without rests.
+    NotObserved
+        Coefficients that the path leaves open.
+    """
+    noises = [axis.noise.white for axis in run.sensor.axes]
+    # Readings without noise stay at one value in a rest, as those of coarse steps do.
+    drawn = np.random.default_rng(0).standard_normal(track.reading.shape)
+    root_rate = (track.time.size / max(float(np.ptp(track.time)), 1e-9)) ** 0.5
+    track = replace(track, reading=track.reading + root_rate * np.array(noises) * drawn)
+    rests = find_rests(track.time, track.reading, run.sensor)
+    if not len(rests):
+        raise InputError("the path has no rest of 5 s; add positions", key="[method] path")
+    spans = [slice(start, stop) for start, stop in rests.tolist()]
+    hold = np.full(track.time.size, -1, dtype=np.int64)
+    for k, span in enumerate(spans):
+        hold[span] = k
+    labels = tuple(f"rest {k}" for k in range(1, len(spans) + 1))
+    white = np.diag(np.array(noises) ** 2)
+    seconds = np.array([float(np.ptp(track.time[span])) for span in spans])
+    observations = Observations(
+        labels=labels,
+        mean=np.stack([track.reading[span].mean(axis=0) for span in spans]),
+        covariance=white / seconds[:, None, None],
+        duration=seconds,
+        samples=np.diff(rests, axis=1)[:, 0],
+        time=np.array([float(track.time[span].mean()) for span in spans]),
+        channels=run.sensor.channels,
+        track=Track(track.time, track.reading, track.angles, hold),
+    )
+    estimate = run.solver()(observations, run.sensor, bench, (), run.priors)
+    attitudes = np.stack(
+        [reference_attitude(bench, track.angles[(s.start + s.stop) // 2][None])[0] for s in spans]
+    )
+    return estimated_uncertainties(estimate, run.sensor), vertical_turn_messages(attitudes, labels)
+
+
+_RATE = 100.0  # Hz
+_OPEN = 0.2  # of the expected size of a coefficient before the run
+_SETTLING = 0.25  # s at the begin of each hold
+
+
+@dataclass(frozen=True, eq=False)
+class PathStep:
+    """A step of a path.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    step : Position or Rotation
+    move : float
+        Duration of the move to the step, s.
+    seconds : float
+        Duration of the step, s.
+    """
+
+    number: int
+    step: TableStep
+    move: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class PathSheet:
+    """Steps of a path and its expected uncertainties.
+
+    Parameters
+    ----------
+    run : Run
+    rows : tuple of PathStep
+    expected : tuple of ExpectedUncertainty
+        Of each coefficient; NaN where the path does not improve the first guess.
+    undecided : tuple of str
+        Directions of the coefficients that the path does not determine, in words.
+    warnings : tuple of str
+        Of turns that the method does not see.
+    """
+
+    run: Run
+    rows: tuple[PathStep, ...]
+    expected: tuple[ExpectedUncertainty, ...]
+    undecided: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the path with its moves."""
+        return sum(row.move + row.seconds for row in self.rows)
+
+
+def turntable_path_sheet(run: Run) -> PathSheet:
+    """Return the steps and expected uncertainties of a run on a turntable. Its data are not read.
+
+    Raises
+    ------
+    InputError
+        A run on another bench, no noise, a path that the table cannot follow, or no rest of 20 s
+        at its start.
+    NotObserved
+        Directions that the path does not determine; those of filters are in the sheet instead.
+    """
+    bench = require_turntable(run)
+    steps = run.table_steps
+    try:
+        refuse_temperature_terms_in_plan(run.sensor)
+        way = path_profile(bench, steps)
+        track = ideal_track(run, bench, way, steps)
+        undecided: tuple[str, ...] = ()
+        warnings: tuple[str, ...] = ()
+        if run.method.without_angles:
+            expected, warnings = still_table_uncertainties(run, bench, track)
+        elif run.method.name == KALMAN.name:
+            expected, undecided = _filter_uncertainties(run, bench, track)
+        else:
+            sections = _section_steps(way, steps)
+            expected = _estimator_uncertainties(run, bench, track, sections, way)
+    except (InputError, NotObserved) as error:
+        raise error.located(run.path) from None
+    return PathSheet(run, _path_steps(way, steps), expected, undecided, warnings)
+
+
+def path_uncertainties(
+    run: Run, steps: Sequence[TableStep], rate_hz: float
+) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
+    """Return the expected uncertainties of a path whose angles are not used, and its warnings.
+
+    Parameters
+    ----------
+    run : Run
+        By a method that uses no angle of the table.
+    steps : sequence of Position or Rotation
+        In place of the run's own.
+    rate_hz : float
+        Of the samples.
+
+    Raises
+    ------
+    InputError
+        A path that the table cannot follow, or without rests.
+    NotObserved
+        Coefficients that the path leaves open.
+    """
+    bench = require_turntable(run)
+    track = ideal_track(run, bench, path_profile(bench, steps), steps, rate_hz)
+    return still_table_uncertainties(run, bench, track)
+
+
+def ideal_track(
+    run: Run,
+    bench: Turntable,
+    way: PathProfile,
+    steps: Sequence[TableStep],
+    rate_hz: float | None = None,
+) -> Track:
+    """Return the track of an ideal sensor on an ideal table, at a rate or at the run's own.
+
+    Parameters
+    ----------
+    run : Run
+    bench : Turntable
+    way : PathProfile
+        Through the steps.
+    steps : sequence of Position or Rotation
+    rate_hz : float, optional
+    """
+    rate = rate_hz or run.rate_hz or _RATE
+    time = np.arange(int(way.ends[-1] * rate) + 1) / rate
+    angles, rates, accelerations = way.evaluate(time)
+    result = motion(bench, angles, rates, accelerations, {})
+    reading = run.sensor.forward(result, np.zeros(len(run.sensor.coefficients)))
+    section = np.searchsorted(way.ends, time)
+    held = [
+        k for k, k_step in enumerate(_section_steps(way, steps)) if isinstance(k_step, Position)
+    ]
+    begun = time - np.append(0.0, way.ends)[section] >= _SETTLING * (section > 0)
+    hold = np.where(np.isin(section, held) & begun, section, -1)
+    return Track(time, reading, angles, hold)
+
+
+def _section_steps(way: PathProfile, steps: Sequence[TableStep]) -> list[TableStep | None]:
+    """Return the step of each section of the way; None of a move between steps."""
+    following = iter(steps)
+    return [next(following) if label else None for label in way.labels]
+
+
+def _path_steps(way: PathProfile, steps: Sequence[TableStep]) -> tuple[PathStep, ...]:
+    rows: list[PathStep] = []
+    move = 0.0
+    for step, seconds in zip(
+        _section_steps(way, steps), np.diff(way.ends, prepend=0.0), strict=True
+    ):
+        if step is None:
+            move = float(seconds)
+        else:
+            rows.append(PathStep(len(rows) + 1, step, move, float(seconds)))
+            move = 0.0
+    return tuple(rows)
+
+
+def _filter_uncertainties(
+    run: Run, bench: Turntable, track: Track
+) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
+    """Return expected uncertainties by the filters, and the directions that are not determined."""
+    way = run.filter or combined_estimate.FILTER_CONFIGS[run.estimator]
+    found: dict[str, float] = {}
+    undecided: list[str] = []
+    for kind in FILTER_KINDS:
+        filtered = combined_estimate.run_filter(kind, run.sensor, bench, track, way, run.priors)
+        names = filtered.triad.sensor.coefficients
+        p = len(names)
+        covariance = filtered.covariance[:p, :p]
+        std = np.sqrt(np.diagonal(covariance))
+        # A coefficient that is hardly better than its first guess is no result.
+        std = np.where(std < _OPEN * model.expected_size(filtered.triad), std, np.nan)
+        found |= dict(zip(names, std.tolist(), strict=True))
+        undecided += [free.words for free in model.undecided_directions(filtered.triad, covariance)]
+    return coefficient_uncertainties(run.sensor, found), tuple(undecided)
+
+
+def _estimator_uncertainties(
+    run: Run, bench: Turntable, track: Track, sections: Sequence[TableStep | None], way: PathProfile
+) -> tuple[ExpectedUncertainty, ...]:
+    """Return expected uncertainties by an estimator of all sections at once."""
+    spans = [
+        (step, float(start), float(stop))
+        for step, start, stop in zip(sections, np.append(0.0, way.ends), way.ends, strict=False)
+        if step is not None
+    ]
+    start, stop = (np.array([span[k] for span in spans]) for k in (1, 2))
+    white = np.array([axis.noise.white for axis in run.sensor.axes])
+    at = [np.flatnonzero((track.time >= a) & (track.time <= b)) for _, a, b in spans]
+    observations = Observations(
+        labels=tuple(step.label for step, _, _ in spans),
+        mean=np.array([track.reading[some].mean(axis=0) for some in at]),
+        covariance=np.diag(white**2) / (stop - start)[:, None, None],
+        duration=stop - start,
+        samples=np.array([some.size for some in at]),
+        time=0.5 * (start + stop),
+        channels=run.sensor.channels,
+        track=track,
+    )
+    steps = [step for step, _, _ in spans]
+    estimate = run.solver()(observations, run.sensor, bench, steps, run.priors)
+    return estimated_uncertainties(estimate, run.sensor)

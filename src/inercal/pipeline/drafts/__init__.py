@@ -1,0 +1,363 @@
+"""A run file drafted from a recording: columns, units, rate, sections, and the methods that fit.
+
+Every choice is a line of the run file with its reason; what only the user knows is asked for.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.section_settings import measured_constant
+from inercal.pipeline.drafts.column_roles import NO_GYROS, ColumnRoles, recognise_columns
+from inercal.pipeline.drafts.default_keys import default_bench_keys
+from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
+from inercal.pipeline.drafts.draft_sections import (
+    bench_keys,
+    clock_keys,
+    data_keys,
+    deviation_key,
+    facts,
+    find_rest_means,
+    guess_readouts,
+    noise_keys,
+    readout_keys,
+    start_deviation,
+    suggest_rate,
+    unused_columns,
+)
+from inercal.pipeline.drafts.finite_rows import finite_rows, require_finite_rows
+from inercal.pipeline.drafts.method_trials import (
+    Candidate,
+    MethodTrial,
+    candidate_methods,
+    try_methods,
+)
+from inercal.pipeline.drafts.readouts import QuietMeans
+from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros, stated_values
+from inercal.pipeline.drafts.unknown_accelerometers import (
+    UnknownAccelerometers,
+    unknown_accelerometers,
+)
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.read import detect_reader, read_table
+
+_WORST = "unreliable"
+_MOST_TEXTS = 4  # columns
+_SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A drafted run file.
+
+    Parameters
+    ----------
+    path : Path
+        Where it is to be written.
+    entries : tuple of DraftKey
+        Its keys, [method] included where a method fits.
+    trials : tuple of MethodTrial
+        The methods that may fit, and what became of them.
+    facts : tuple of str
+        What was seen, in a line each.
+    roles : ColumnRoles
+    rests : QuietMeans or None
+        Of a recording.
+    time : (n,) array or None
+        s, of a recording.
+    readings : mapping of str to (n, k) array
+        Of each triad, in output units.
+    """
+
+    path: Path
+    entries: tuple[DraftKey, ...]
+    trials: tuple[MethodTrial, ...]
+    facts: tuple[str, ...]
+    roles: ColumnRoles
+    rests: QuietMeans | None
+    time: Array | None
+    readings: Mapping[str, Array]
+
+    @property
+    def questions(self) -> tuple[DraftKey, ...]:
+        """The keys that only the user knows, without a unit that follows from another answer."""
+        found = [entry for entry in self.entries if entry.value == UNKNOWN]
+        rate = [entry for entry in found if entry.key == "rate"]
+        return tuple(rate or found)
+
+    @property
+    def method(self) -> MethodTrial | None:
+        """The method that is proposed; None where none fits."""
+        works = [trial for trial in self.trials if trial.outcome is not None]
+        works.sort(key=lambda one: one.outcome is not None and one.outcome.verdict.grade == _WORST)
+        return next(iter(works or (self.trials if self.questions else ())), None)
+
+    @property
+    def text(self) -> str:
+        """The run file."""
+        head = (
+            "Drafted by inercal init. Every line gives its reason; change what is wrong.",
+            "",
+            *self.facts,
+            "Methods that these data support, and what became of them when tried:",
+            *(f"  {trial.text}" for trial in self.trials),
+            "",
+            f"  inercal calibrate {self.path.name}",
+        )
+        return run_file_text(self.entries, head)
+
+
+def draft_run_file(
+    logs: Sequence[Path], path: Path, stated: Mapping[str, str] | None = None
+) -> Draft:
+    """Return the run file that fits a recording, or two: accelerometers, then gyros.
+
+    Parameters
+    ----------
+    logs : sequence of Path
+        One or two files, of any format that is read.
+    path : Path
+        Of the run file.
+    stated : mapping of str to str, optional
+        Values that the user states, by key: "data.rate", "bench.gravity".
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, has no columns of a sensor, or no method fits its columns.
+    """
+    stated = dict(stated or {})
+    values = stated_values(stated)
+    table, gyros, roles = _recognise(logs, values)
+    candidates = _candidates(logs[0], table, roles)
+    if (stated_name := values.pop("method.name", None)) is not None:
+        named = tuple(one for one in candidates if one[1] == stated_name)
+        candidates = named or ((candidates[0][0], stated_name, {}),)
+    readings = {
+        kind: np.stack(
+            [(gyros if kind == "gyro" and gyros else table).numbers(name) for name in columns],
+            axis=-1,
+        )
+        for kind, columns in roles.triads.items()
+    }
+    time, clock = clock_keys(table, roles, stated)
+    bench = candidates[0][0]
+    rests, turns = (None, ()) if roles.means else find_rest_means(table, roles, readings, time)
+    radius_text = stated.get("bench.radius")
+    length = partial(measured_constant, like="m", key="[bench] radius", last_digit=False)
+    radius = None if radius_text is None else length(radius_text).value
+    try:
+        readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
+    except InputError as error:
+        raise error.located(logs[0]) from None
+    noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" else {}
+    entries = (
+        DraftKey("sensor", "name", logs[0].stem, "change it to the sensor's serial number"),
+        *(
+            entry
+            for kind, readout in readouts.items()
+            for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
+        ),
+        *bench_keys(bench, radius),
+        *data_keys(logs, path, table, roles, bench, values),
+        *suggest_rate(clock, readouts.get("gyro")),
+        *((deviation_key(start_deviation(roles), "a guess"),) if roles.means else ()),
+    )
+    entries = _with_stated(entries, _named_columns(values, roles))
+    trials = try_methods(entries, candidates, path.parent)
+    if roles.means and "data.sd.accelerometer" not in stated:
+        start = start_deviation(roles)
+        entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
+    seen = facts(logs, table, roles, rests, time, readings)
+    why_unused = (roles.reasons[NO_GYROS],) if NO_GYROS in roles.reasons else ()
+    seen = (*seen, *unused_columns(table, entries), *why_unused)
+    found = Draft(path, entries, trials, seen, roles, rests, time, readings)
+    if found.method is None:
+        _require_possible_keys(trials, stated)
+        by_reason: dict[str, list[str]] = {}
+        for trial in trials:
+            by_reason.setdefault(trial.reason, []).append(trial.called)
+        reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
+        raise InputError(
+            f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
+        )
+    reason = "the first of the above that fits"
+    if found.questions:
+        reason = "not tried yet: inercal init with the answers tries all of the above"
+    defaults = default_bench_keys(as_sections(entries), found.method.name)
+    keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
+    keys += [DraftKey("method", key, value) for key, value in found.method.keys.items()]
+    return replace(found, entries=(*entries, *keys))
+
+
+def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:
+    """Refuse a stated value for which every method was refused: its fault alone is the reason."""
+    keys = {trial.key for trial in trials}
+    for key in stated:
+        section, _, name = key.rpartition(".")
+        if keys == {f"[{section}] {name}"}:
+            raise InputError(f"--set {key}: {_without_key(trials[0])}", key=key, names=(key,))
+
+
+def _without_key(trial: MethodTrial) -> str:
+    return trial.reason.removeprefix(f"{trial.key}: ")
+
+
+def _recognise(
+    logs: Sequence[Path], values: Mapping[str, Any]
+) -> tuple[Table, Table | None, ColumnRoles]:
+    """Return the table, that of the gyros where it is another, and the roles of their columns."""
+    table = _read(logs[0], values)
+    stated = stated_columns(values, table, second_file=len(logs) > 1)
+    alone = len(logs) == 1
+    numbers = finite_rows(table) if alone else table
+    roles = recognise_columns(numbers, detect_reader(logs[0]).name, stated)
+    used = [column for triad in roles.triads.values() for column in triad]
+    used += [roles.single["time"]] if "time" in roles.single else []
+    if alone and values.get("data.nonfinite") == "drop":
+        table = finite_rows(table, used)
+    elif alone:
+        require_finite_rows(logs[0], table, used)
+    gyros = _second_table(logs, table, roles, values)
+    if gyros is None:
+        return table, None, roles
+    second = recognise_columns(gyros, stated=stated_gyros(values, gyros))
+    joined = replace(
+        roles,
+        triads={**roles.triads, "gyro": second.triads["gyro"]},
+        reasons={**second.reasons, **roles.reasons},
+        units={**second.units, **roles.units},
+    )
+    return table, gyros, joined
+
+
+def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
+    """Return the methods that may fit; refuse columns without accelerometers, or of no method."""
+    if {"axis", "arm_rate"} <= roles.single.keys() and roles.triads:
+        raise InputError(
+            f"{log}: columns {roles.single['axis']} and {roles.single['arm_rate']} fit method "
+            "rates_and_poses, whose table has errors that only you can state: begin with its "
+            "example, examples/rate_platform",
+            file=log,
+            names=("rates_and_poses",),
+        )
+    if "accelerometer" not in roles.triads:
+        raise unknown_accelerometers(log, table, roles)
+    candidates = candidate_methods(roles)
+    if not candidates:
+        raise InputError(
+            f"{log}: no method fits {len(roles.triads['accelerometer'])} accelerometer columns "
+            f"with {', '.join(roles.single) or 'nothing'} beside them; see inercal show {log}",
+            file=log,
+        )
+    return candidates
+
+
+def _read(log: Path, values: Mapping[str, Any]) -> Table:
+    """Return a table, with the columns as text that begin with numbers or nothing and are text."""
+    stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
+    options = {key: value for key, value in stated.items() if value is not None}
+    text: list[str] = []
+    while True:
+        try:
+            return read_table(log, text=text, options=options)
+        except InputError as error:
+            column = error.names[0] if error.names else ""
+            if not column or column in text or error.line is None or len(text) == _MOST_TEXTS:
+                raise
+            text.append(column)
+
+
+def _second_table(
+    logs: Sequence[Path], table: Table, roles: ColumnRoles, values: Mapping[str, Any]
+) -> Table | None:
+    if len(logs) == 1:
+        return None
+    if len(logs) > 2:
+        raise InputError(
+            f"{len(logs)} files: give one recording, or the file of the accelerometers and that of "
+            "the gyros",
+            names=tuple(map(str, logs)),
+        )
+    second = _read(logs[1], values)
+    rows, others = (next(iter(one.columns.values())).size for one in (table, second))
+    found = recognise_columns(second, stated=stated_gyros(values, second)).triads
+    if "gyro" not in found or "gyro" in roles.triads or rows != others:
+        raise InputError(
+            f"{logs[1]} is not the gyros' file of {logs[0]}: {others} rows to {rows}, and no gyros "
+            "that the first file lacks; draft a run file of each",
+            file=logs[1],
+        )
+    return second
+
+
+def _with_scatter(
+    entries: tuple[DraftKey, ...],
+    trials: tuple[MethodTrial, ...],
+    candidates: Sequence[Candidate],
+    folder: Path,
+    deviation: float,
+) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
+    """Return entries and trials with the deviation of means by which χ² agrees with its dof."""
+    reason = (
+        "by which the fit has the χ² that it should have, so that the fit cannot be judged: state "
+        "the scatter of your means instead"
+    )
+    given, before = (entries, trials), np.inf
+    for _ in range(_SCATTER_ROUNDS):
+        fits = [one.outcome.estimate for one in trials if one.outcome is not None]
+        if not fits or not fits[0].dof:
+            break
+        ratio = float(np.sqrt(max(fits[0].chi2 / fits[0].dof, 1e-12)))
+        if abs(ratio - 1) < _SCATTER_AGREES:
+            return entries, trials
+        if abs(np.log(ratio)) > 0.7 * before:
+            break  # the bench's errors explain the residuals whatever the scatter
+        before = abs(np.log(ratio))
+        deviation *= ratio
+        entries = (*entries[:-1], deviation_key(deviation, reason))
+        trials = try_methods(entries, candidates, folder)
+    return given
+
+
+def _named_columns(values: Mapping[str, Any], roles: ColumnRoles) -> dict[str, Any]:
+    """Return the stated values without the triads that the roles hold, by the columns' names.
+
+    A triad with a reversed axis keeps its signs.
+    """
+
+    def stays(key: str, value: Any) -> bool:
+        signed = isinstance(value, list) and any(
+            str(one).startswith("-") for one in cast(list[object], value)
+        )
+        section, _, role = key.partition(".")
+        return section != "data" or signed or role not in {*roles.triads, *roles.single}
+
+    return {key: value for key, value in values.items() if stays(key, value)}
+
+
+def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tuple[DraftKey, ...]:
+    """Return the entries with the values that the user states, which may be new keys."""
+    known = {f"{entry.section}.{entry.key}": entry for entry in entries}
+    for key, value in stated.items():
+        section, _, name = key.rpartition(".")
+        known[key] = replace(
+            known.get(key, DraftKey(section, name, value)),
+            value=value,
+            reason="as stated",
+        )
+    if "bench.latitude" in stated:
+        known.pop("bench.gravity", None)
+        if "bench.height" not in stated:
+            reason = "as stated; without height gravity is that of 0 to 2000 m: state height too"
+            known["bench.latitude"] = replace(known["bench.latitude"], reason=reason)
+    return tuple(known.values())
+
+
+__all__ = ["Draft", "DraftKey", "MethodTrial", "UnknownAccelerometers", "draft_run_file"]

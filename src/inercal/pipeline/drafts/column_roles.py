@@ -1,0 +1,182 @@
+"""What the columns of a recording hold: as stated, by their names, else by their values."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from inercal.pipeline.drafts.column_names import (
+    in_axis_order,
+    is_other_quantity,
+    named_triads,
+    role_of_name,
+    time_unit,
+)
+from inercal.pipeline.drafts.column_values import (
+    FEWEST_SAMPLES,
+    accelerometers_by_values,
+    aligned_triads,
+    clock_by_values,
+    grows,
+    gyros_by_values,
+    has_even_steps,
+    never_falls,
+    reason_without_gyros,
+    value_reason,
+)
+from inercal.recordings.io.column_table import Table
+
+NO_GYROS = "no gyros"
+"""Key of the reason why columns that look like gyros are not used."""
+
+_TABLE = ("outer", "middle", "inner")
+_ATTITUDE = ("psi", "theta")
+_TRIADS = ("accelerometer", "gyro")
+_LOGS = ("ulog", "dataflash", "rosbag")  # formats of samples in SI units
+_SI = {"accelerometer": "m/s²", "gyro": "rad/s"}
+
+
+@dataclass(frozen=True)
+class ColumnRoles:
+    """Which columns hold what.
+
+    Parameters
+    ----------
+    triads : mapping of "accelerometer" or "gyro" to tuple of str
+        Columns by axis.
+    single : mapping of str to str
+        Column by role: "time", "label", "temperature", "arm_rate", "angle", ….
+    table, attitude : tuple of str
+        Columns of a turntable's angles, outermost first, and of ψ and θ on a centrifuge.
+    reasons : mapping of str to str
+        By role, how it was recognised.
+    units : mapping of str to str
+        By role, the unit that the column's name states.
+    means : bool
+        Whether the rows are means, not samples.
+    """
+
+    triads: Mapping[str, tuple[str, ...]]
+    single: Mapping[str, str]
+    table: tuple[str, ...] = ()
+    attitude: tuple[str, ...] = ()
+    reasons: Mapping[str, str] = field(default_factory=dict[str, str])
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    means: bool = False
+
+
+def recognise_columns(
+    table: Table, reader: str = "text", stated: Mapping[str, tuple[str, ...]] | None = None
+) -> ColumnRoles:
+    """Return the roles of a table's columns.
+
+    Parameters
+    ----------
+    table : Table
+    reader : str
+        Some formats state units, and hold samples alone.
+    stated : mapping of str to tuple of str, optional
+        Columns by role that the user states.
+    """
+    stated = stated or {}
+    taken = {name for columns in stated.values() for name in columns}
+    names = [name for name in table.names if name not in taken]
+    numbers = [name for name in names if table.columns[name].dtype.kind != "U"]
+    texts = [name for name in names if table.columns[name].dtype.kind == "U"]
+    rows = next(iter(table.columns.values())).size
+    reasons, units = dict[str, str](), dict[str, str]()
+    named = named_triads(numbers, reasons, units) if table.header else {}
+    triads = {kind: named[kind] for kind in _TRIADS if kind in named and kind not in stated}
+    used = {name for columns in triads.values() for name in columns}
+    single: dict[str, str] = {}
+    if table.header:
+        single = _named_columns([n for n in names if n not in used], table, reasons)
+    triads |= {kind: stated[kind] for kind in _TRIADS if kind in stated}
+    single |= {role: columns[0] for role, columns in stated.items() if role not in _TRIADS}
+    reasons |= dict.fromkeys(stated, "as stated")
+    by_lower = {name.lower(): name for name in table.names}
+    angles = tuple(by_lower[name] for name in _TABLE if name in by_lower)
+    attitude = tuple(by_lower[name] for name in _ATTITUDE if name in by_lower)
+    free = [n for n in numbers if n not in {*used, *single.values(), *angles, *attitude}]
+    if not table.header:
+        _judge_unnamed(table, free, triads, single, reasons)
+    elif reader not in _LOGS and not single.keys() & {"angle", "arm_rate", "mounting"}:
+        _judge_unknown(table, free, triads, single, reasons)
+    if "time" in single and (unit := time_unit(single["time"])) and table.header:
+        units["time"] = unit
+    if "label" not in single and texts and texts[0] not in single.values():
+        single["label"], reasons["label"] = texts[0], "the column of text"
+    if reader in _LOGS:
+        units = {kind: unit for kind, unit in _SI.items() if kind in triads}
+    left = tuple(name for name in free if role_of_name(name) is None)[:2]
+    if "accelerometer" not in triads and left and single.keys() & {"angle", "arm_rate"}:
+        triads["accelerometer"], reasons["accelerometer"] = left, "the columns that are left"
+    means = reader not in _LOGS and rows < FEWEST_SAMPLES
+    return ColumnRoles(
+        {kind: triads[kind] for kind in _TRIADS if kind in triads},
+        single,
+        angles,
+        attitude if len(attitude) == len(_ATTITUDE) else (),
+        reasons,
+        units,
+        means and not has_even_steps(table, single.get("time")),
+    )
+
+
+def _named_columns(names: Sequence[str], table: Table, reasons: dict[str, str]) -> dict[str, str]:
+    """Return the column of each further role by its name, and a clock by its values."""
+    single: dict[str, str] = {}
+    for name in names:
+        role = role_of_name(name)
+        if role is None or role in single or (role == "time" and not grows(table, name)):
+            continue
+        single[role], reasons[role] = name, "by its name"
+    return single
+
+
+def _judge_unnamed(
+    table: Table,
+    free: list[str],
+    triads: dict[str, tuple[str, ...]],
+    single: dict[str, str],
+    reasons: dict[str, str],
+) -> None:
+    """Add triads and the clock of a table without header, by what their values do."""
+    first = free[0] if free else None
+    if "time" not in single and first and grows(table, first) and has_even_steps(table, first):
+        single["time"], reasons["time"] = free.pop(0), "it grows by steps of one length"
+    known = set(triads)
+    _judge_unknown(table, free, triads, single, reasons)
+    if "accelerometer" not in triads and not known:
+        triads |= aligned_triads(table, free, reasons)
+
+
+def _judge_unknown(
+    table: Table,
+    free: list[str],
+    triads: dict[str, tuple[str, ...]],
+    single: dict[str, str],
+    reasons: dict[str, str],
+) -> None:
+    """Add the clock and the triads of a recording that names do not tell."""
+    if next(iter(table.columns.values())).size < FEWEST_SAMPLES:
+        return
+    if "time" not in single and (clock := clock_by_values(table, free)) is not None:
+        single["time"], reasons["time"] = clock, "it grows by steps of one length"
+    free = [
+        n
+        for n in free
+        if n != single.get("time") and not is_other_quantity(n) and not never_falls(table, n)
+    ]
+    if "accelerometer" not in triads:
+        found = accelerometers_by_values(table, free)
+        if found is None:
+            return
+        triads["accelerometer"] = in_axis_order(found)
+        reasons["accelerometer"] = value_reason("accelerometer")
+        free = [name for name in free if name not in found]
+    accelerometers = triads["accelerometer"]
+    if "gyro" not in triads and len(accelerometers) == len("xyz"):
+        found = gyros_by_values(table, free, accelerometers, need_turns=table.header)
+        if found is not None:
+            triads["gyro"], reasons["gyro"] = in_axis_order(found), value_reason("gyro")
+        elif why := reason_without_gyros(table, free, accelerometers):
+            reasons[NO_GYROS] = why

@@ -1,0 +1,216 @@
+"""What the columns of a recording hold by their values, where names do not tell.
+
+Accelerometers at rest read gravity: from attitude to attitude their readings differ, and lie on a
+sphere. Gyros read the same in all attitudes, and between two attitudes they turn as gravity does.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.pipeline.drafts.readouts import (
+    axis_changes,
+    find_quiet_sections,
+    gyro_scale,
+    norm_misfit,
+    rest_means,
+    turns_of_readings,
+)
+from inercal.recordings import Indices
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.time_stamps import is_iso_time
+from inercal.recordings.segments.gravity_turns import name_columns
+
+FEWEST_SAMPLES = 500
+"""Of a recording; fewer rows are means."""
+
+_AXES = 3
+_NAMES = ("ax", "ay", "az", "gx", "gy", "gz")
+_MOVED = 20.0  # of the scatter at rest: the range of a gyro between rests
+_EVEN_STEPS = 0.5  # of the median step: largest 90 % deviation of steps of a clock
+_WINDOW = 50  # samples of a rest
+_FEWEST_RESTS = 4
+_MOST_MISFIT = 0.1  # of the radius: bias and scale errors of a plain MEMS sensor
+_AS_GOOD = 4.0  # times the least misfit: accelerometers stand before magnetometers
+_SPREAD = 0.25  # of the range in motion
+
+
+def grows(table: Table, name: str) -> bool:
+    """Return whether a column may be a clock: dates, or numbers that never go back far."""
+    column = table.columns[name]
+    if column.dtype.kind == "U":
+        return column.size > 0 and is_iso_time(str(column[0]))
+    steps = np.diff(column.astype(np.float64))
+    return steps.size > 0 and bool(np.median(steps) > 0)
+
+
+def never_falls(table: Table, name: str) -> bool:
+    """Return whether a column of numbers only grows, as times and counters do."""
+    steps = np.diff(table.columns[name].astype(np.float64))
+    return steps.size > 0 and bool(np.all(steps >= 0)) and bool(np.any(steps > 0))
+
+
+def has_even_steps(table: Table, name: str | None) -> bool:
+    """Return whether a column of times has steps of one length, as of samples."""
+    if name is None:
+        return False
+    column = table.columns[name]
+    if column.dtype.kind == "U":
+        return True
+    steps = np.diff(column.astype(np.float64))
+    if steps.size < 2 * _AXES:
+        return False
+    typical = float(np.median(steps))
+    return typical > 0 and float(np.quantile(np.abs(steps / typical - 1), 0.9)) < _EVEN_STEPS
+
+
+def clock_by_values(table: Table, names: Sequence[str]) -> str | None:
+    """Return the column of a recording that grows by steps of one length."""
+    if not names or table.columns[names[0]].size < FEWEST_SAMPLES:
+        return None
+    return next((n for n in names if never_falls(table, n) and has_even_steps(table, n)), None)
+
+
+def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the three neighbouring columns whose readings at rest lie on a sphere."""
+    found: list[tuple[float, tuple[str, ...]]] = []
+    for triple in _neighbours(table, names):
+        data = _stacked(table, triple)
+        means = rest_means(find_quiet_sections(data, _WINDOW), data, None).force
+        if len(means) < _FEWEST_RESTS or np.ptp(means, axis=0).max() <= _SPREAD * _reach(data):
+            continue
+        misfit = norm_misfit(means)
+        if misfit < _MOST_MISFIT:
+            found.append((misfit, triple))
+    best = min((misfit for misfit, _ in found), default=0.0)
+    return next((triple for misfit, triple in found if misfit <= _AS_GOOD * best), None)
+
+
+def gyros_by_values(
+    table: Table, names: Sequence[str], accelerometers: Sequence[str], *, need_turns: bool
+) -> tuple[str, ...] | None:
+    """Return the three neighbouring columns that turn between rests as gravity does.
+
+    Without turns that show it, and if not `need_turns`, those that motion moves most, of columns
+    that read the same in all attitudes.
+    """
+    force = _stacked(table, accelerometers)
+    found: list[tuple[float, tuple[str, ...]]] = []
+    moved: list[tuple[float, tuple[str, ...]]] = []
+    for triple in _neighbours(table, names):
+        data = _stacked(table, triple)
+        spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
+        if len(spans) < 2:
+            continue
+        rests = rest_means(spans, force, data)
+        assert rests.rate is not None
+        reach = _reach(data)
+        if not reach or np.ptp(rests.rate, axis=0).max() > _SPREAD * reach:
+            continue
+        moved.append((_motion(data, spans), triple))
+        size, _, misfit = gyro_scale(rests, data, 0.0)
+        if size is not None:
+            found.append((misfit, triple))
+    if found or need_turns:
+        return min(found)[1] if found else None
+    return max(moved)[1] if moved else None
+
+
+def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Sequence[str]) -> str:
+    """Return why columns that read the same in all attitudes are no gyros; "" where none do."""
+    force = _stacked(table, accelerometers)
+    triples = _neighbours(table, names)
+    if not triples and len(names) == _AXES - 1 and _moves_alike(table, names, force):
+        return f"{' and '.join(names)} look like gyros, but a third is missing"
+    for triple in triples:
+        if not _moves_alike(table, triple, force):
+            continue
+        data = _stacked(table, triple)
+        spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
+        turns = turns_of_readings(rest_means(spans, force, data), data, 0.0)
+        if turns is None:
+            continue
+        columns: dict[str, str] = dict(zip(_NAMES, (*accelerometers, *triple), strict=True))
+        changes = [name_columns(one, columns) for one in axis_changes(turns)]
+        first, last = triple[0], triple[-1]
+        text = (
+            f"{first} to {last} look like gyros, but {len(turns.angles)} turns between rests do "
+            "not agree with gravity"
+        )
+        return text + f"; they agree if {', or if '.join(changes)}" * bool(changes)
+    return ""
+
+
+def _moves_alike(table: Table, names: Sequence[str], force: Array) -> bool:
+    """Return whether columns read the same at all rests, and all of them move between."""
+    data = _stacked(table, names)
+    spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
+    reach = _reach(data)
+    if len(spans) < _FEWEST_RESTS or not reach:
+        return False
+    means = rest_means(spans, data, None).force
+    return bool(np.ptp(means, axis=0).max() <= _SPREAD * reach) and _motion(data, spans) > _MOVED
+
+
+def aligned_triads(
+    table: Table, names: Sequence[str], reasons: dict[str, str]
+) -> dict[str, tuple[str, ...]]:
+    """Return the triads among the first six columns, by whether readings at rest differ."""
+    triples = [tuple(names[k : k + 3]) for k in range(0, len(names) - len(names) % 3, 3)][:2]
+    found = [(columns, _varies_between_rests(table, columns)) for columns in triples]
+    if len(found) == 1:
+        kind = "accelerometer" if found[0][1] else "gyro"
+        reasons[kind] = value_reason(kind)
+        return {kind: found[0][0]}
+    triads: dict[str, tuple[str, ...]] = {}
+    for kind, wanted in (("accelerometer", True), ("gyro", False)):
+        match = [columns for columns, varies in found if varies == wanted]
+        if match:
+            triads[kind], reasons[kind] = match[0], value_reason(kind)
+    return triads
+
+
+def value_reason(kind: str) -> str:
+    """Return by what a triad is recognised."""
+    return (
+        "their readings at rest differ from attitude to attitude"
+        if kind == "accelerometer"
+        else "their readings at rest are the same in all attitudes"
+    )
+
+
+def _neighbours(table: Table, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the triples of columns that stand side by side in the file."""
+    place = {name: k for k, name in enumerate(table.names)}
+    triples = (tuple(names[k : k + _AXES]) for k in range(len(names) - _AXES + 1))
+    return [one for one in triples if place[one[-1]] - place[one[0]] == _AXES - 1]
+
+
+def _stacked(table: Table, names: Sequence[str]) -> Array:
+    return np.stack([table.numbers(name) for name in names], axis=-1)
+
+
+def _reach(data: Array) -> float:
+    """Return the largest range of the columns without outliers."""
+    return float(np.ptp(np.quantile(data, (0.001, 0.999), axis=0), axis=0).max())
+
+
+def _motion(data: Array, spans: Indices) -> float:
+    """Return the range of a triple's quietest column, of its scatter at rest."""
+    still = np.median([data[a:b].std(axis=0) for a, b in spans], axis=0)
+    reach = np.ptp(np.quantile(data, (0.001, 0.999), axis=0), axis=0)
+    return float(np.min(reach / np.maximum(still, 1e-12 + 1e-3 * reach)))
+
+
+def _varies_between_rests(table: Table, columns: Sequence[str]) -> bool:
+    """Return whether the readings of quiet blocks differ by far more than within a block."""
+    data = _stacked(table, columns)
+    block = max(20, len(data) // 1000)
+    blocks = data[: len(data) // block * block].reshape(-1, block, len(columns))
+    if len(blocks) < _FEWEST_RESTS:
+        return True
+    scatter = blocks.std(axis=1).sum(axis=-1)
+    quiet = blocks[scatter <= np.quantile(scatter, 0.3)].mean(axis=1)
+    spread = np.ptp(np.quantile(quiet, (0.05, 0.95), axis=0), axis=0).max()
+    return bool(spread > _SPREAD * _reach(data))

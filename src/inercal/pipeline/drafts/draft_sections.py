@@ -1,0 +1,334 @@
+"""The keys of each section of a drafted run file, from what the columns of a recording show."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS, si_factor
+from inercal.physics.section_settings import si_value
+from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.readouts import (
+    GuessedReadout,
+    QuietMeans,
+    find_quiet_sections,
+    guess_accelerometer,
+    guess_from_norms,
+    guess_from_turned_axis,
+    guess_gyro,
+    rest_means,
+    white_noise,
+)
+from inercal.recordings.io.column_table import Table, shorten
+from inercal.recordings.io.repeated_values import railed_ranges
+from inercal.recordings.io.time_stamps import times_from_origin
+from inercal.recordings.temperature_readout import COUNTS, first_impossible, seems_kelvin
+
+_ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
+_WINDOW = 0.5  # s, in which a rest is quiet
+_WINDOW_SAMPLES = 50  # the same where the rate is not known
+_TIME_UNITS = ("s", "ms", "µs", "ns")
+_RATES = (1.0, 20e3)  # Hz, of IMUs
+_RATE_UNITS = {"rpm": "rpm", "omega_over_pi": "0.5 rev/s"}
+_ARM_DEVIATION = 1e-2
+_MOST_LISTED = 12  # columns in a line
+_MEAN_DEVIATION = 1e-4  # of gravity: of means whose scatter nobody stated
+
+
+def clock_keys(
+    table: Table, roles: ColumnRoles, stated: Mapping[str, str]
+) -> tuple[Array | None, tuple[DraftKey, ...]]:
+    """Return the times, s, where they are known, and the keys of the clock."""
+    if roles.means:
+        return None, ()
+    name = roles.single.get("time")
+    ask = 'the rate of the samples, such as "100 Hz"'
+    count = next(iter(table.columns.values())).size
+    rate = stated.get("data.rate")
+    hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
+    if hertz is not None and hertz <= 0:
+        raise InputError(f"[data] rate: {rate!r} must be positive", key="[data] rate")
+    by_rate = None if hertz is None else np.arange(count) / hertz
+    rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
+    if name is None:
+        return by_rate, (rate_key,)
+    entry = DraftKey("data", "time", _column(name), roles.reasons.get("time", ""))
+    column = table.columns[name]
+    if column.dtype.kind == "U":
+        seconds = (column.astype("M8[ns]") - column[:1].astype("M8[ns]")) / np.timedelta64(1, "s")
+        return np.asarray(seconds, dtype=np.float64), (entry,)
+    stamps = column.astype(np.float64)
+    step = float(np.median(np.diff(stamps)))
+    if step == 1.0 and np.all(stamps == np.rint(stamps)):
+        counter = DraftKey("data", "time_unit", "sample", "its steps are 1: it counts samples")
+        return by_rate, (entry, counter, rate_key)
+    unit = roles.units.get("time") or next(
+        (one for one in _TIME_UNITS if _RATES[0] <= 1 / (step * si_factor(one)) <= _RATES[1]), "s"
+    )
+    seconds, _ = times_from_origin(stamps, si_factor(unit))
+    reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
+    units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
+    return seconds, (replace(entry, reason=reason) if not units else entry, *units)
+
+
+def suggest_rate(clock: tuple[DraftKey, ...], gyro: GuessedReadout | None) -> tuple[DraftKey, ...]:
+    """Return the keys of the clock, with the rate that turns suggest in the question for it."""
+    if gyro is None or not gyro.rate_hz:
+        return clock
+    text = f"; the turns between rests suggest about {gyro.rate_hz:.3g} Hz"
+    return tuple(replace(one, ask=one.ask + text) if one.value == UNKNOWN else one for one in clock)
+
+
+def find_rest_means(
+    table: Table, roles: ColumnRoles, readings: Mapping[str, Array], time: Array | None
+) -> tuple[QuietMeans, tuple[tuple[int, int], ...]]:
+    """Return the rests, and the marked sections that move, where a column marks sections."""
+    data = np.hstack([readings[kind] for kind in readings])
+    if "label" in roles.single and "time" in roles.single:
+        labels = table.columns[roles.single["label"]]
+        change = np.flatnonzero(labels[1:] != labels[:-1]) + 1
+        edges = np.concatenate([[0], change, [len(labels)]])
+        spans = np.column_stack([edges[:-1], edges[1:]])
+        spans = spans[spans[:, 1] - spans[:, 0] >= 8]
+        scatter = np.array([data[a:b].std(axis=0).max() for a, b in spans])
+        still = scatter <= 5 * np.quantile(scatter, 0.3) if len(spans) else np.zeros(0, bool)
+        if still.sum() >= 2:
+            rests = rest_means(spans[still], readings["accelerometer"], readings.get("gyro"))
+            return rests, tuple((int(a), int(b)) for a, b in spans[~still])
+    window = _WINDOW_SAMPLES
+    if time is not None and time.size > 1:
+        window = max(4, int(_WINDOW / np.median(np.diff(time))))
+    spans = find_quiet_sections(data, window)
+    if not len(spans):
+        spans = np.array([[0, len(data)]])
+    return rest_means(spans, readings["accelerometer"], readings.get("gyro")), ()
+
+
+def guess_readouts(
+    table: Table,
+    readings: Mapping[str, Array],
+    roles: ColumnRoles,
+    rests: QuietMeans | None,
+    turns: Sequence[tuple[int, int]],
+    time: Array | None,
+    radius: float | None,
+) -> tuple[dict[str, GuessedReadout], float | None]:
+    """Return the readout of each triad, and the radius of an arm, m, where it is known."""
+    force, stated = readings["accelerometer"], roles.units.get("accelerometer")
+    if "arm_rate" in roles.single:
+        name = roles.single["arm_rate"]
+        rate = table.numbers(name) * _rate_size(name)
+        readout, radius = guess_from_norms(force, rate, radius)
+    elif "angle" in roles.single:
+        readout = guess_from_turned_axis(force)
+    else:
+        readout = guess_accelerometer(force if rests is None else rests.force, stated)
+    found = {"accelerometer": readout}
+    if "gyro" in readings and rests is not None:
+        dt = None if time is None else float(np.median(np.diff(time)))
+        found["gyro"] = guess_gyro(
+            rests, readings["gyro"], readout, dt, roles.units.get("gyro"), turns
+        )
+    return found, radius
+
+
+def readout_keys(kind: str, readout: GuessedReadout) -> tuple[DraftKey, ...]:
+    """Return the keys of [sensor.accelerometer] or [sensor.gyro]: unit, scale and offset."""
+    section = f"sensor.{kind}"
+    unit = DraftKey(section, "unit", readout.unit, readout.reason)
+    if not readout.certain and kind == "gyro":
+        ask = f"the unit of the {kind}s, such as rad/s ({readout.reason})"
+        unit = replace(unit, value=UNKNOWN, ask=ask)
+    entries = [unit]
+    if readout.scale:
+        entries.append(DraftKey(section, "scale", readout.scale, "nominal; see the data sheet"))
+    if readout.offset:
+        entries.append(DraftKey(section, "offset", readout.offset, "reading at zero"))
+    return tuple(entries)
+
+
+def noise_keys(
+    readings: Mapping[str, Array],
+    readouts: Mapping[str, GuessedReadout],
+    rests: QuietMeans | None,
+    time: Array | None,
+) -> dict[str, tuple[DraftKey, ...]]:
+    """Return the noise densities, which filters need."""
+    if rests is None or time is None:
+        return {}
+    dt = float(np.median(np.diff(time)))
+    units = {"accelerometer": "µg/√Hz", "gyro": "°/√h"}
+    reason = "from the scatter within rests"
+    found: dict[str, tuple[DraftKey, ...]] = {}
+    for kind, readout in readouts.items():
+        density = white_noise(readings[kind], rests, readout.size, dt)
+        text = f"{density / si_factor(units[kind]):.3g} {units[kind]}"
+        found[kind] = (DraftKey(f"sensor.{kind}", "white", text, reason),)
+    return found
+
+
+def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
+    """Return the keys of [bench]; `radius` is that of an arm, m, where it is known."""
+    entries = [] if bench == "hand" else [DraftKey("bench", "kind", bench, "by the columns")]
+    if bench == "turntable":
+        return (*entries, DraftKey("bench", "latitude", UNKNOWN, "", 'latitude, such as "48.1 °"'))
+    reason = "anywhere near sea level: state latitude and height instead for less uncertainty"
+    entries.append(DraftKey("bench", "gravity", _ANYWHERE, reason))
+    if bench in ("centrifuge", "rate_table"):
+        text = UNKNOWN if radius is None else f"{radius:.4g} m ± {0.02 * radius:.1g} m"
+        reason = "from the norms and the rates: state what was measured"
+        ask = 'the radius of the arm with its uncertainty, such as "1 m ± 0.1 mm"'
+        entries.append(DraftKey("bench", "radius", text, reason, ask))
+    return tuple(entries)
+
+
+def _rate_unit(name: str) -> str:
+    return _RATE_UNITS.get(name.strip().lower(), "rpm")
+
+
+def _rate_size(name: str) -> float:
+    from inercal.recordings.data import unit_size
+
+    return unit_size(_rate_unit(name), "rad/s", "arm_rate_unit")
+
+
+def _column(name: str) -> str | int:
+    """Return a column as a run file names it: its number where it has no name."""
+    return int(name) if name.isdecimal() else name
+
+
+def data_keys(
+    logs: Sequence[Path],
+    path: Path,
+    table: Table,
+    roles: ColumnRoles,
+    bench: str,
+    values: Mapping[str, object],
+) -> tuple[DraftKey, ...]:
+    """Return the keys of [data] but its clock: files, and the columns that the bench uses.
+
+    `values` are those that the user states, by key.
+    """
+
+    def file(log: Path) -> str:
+        return Path(os.path.relpath(log.resolve(), path.parent.resolve())).as_posix()
+
+    entries = [DraftKey("data", "file", file(logs[0]))]
+    if roles.means:
+        entries.append(DraftKey("data", "kind", "means", "few rows without a clock"))
+    if len(logs) > 1:
+        entries.append(DraftKey("data", "gyro_file", file(logs[1])))
+    for kind, columns in roles.triads.items():
+        entries.append(DraftKey("data", kind, [_column(c) for c in columns], roles.reasons[kind]))
+    if roles.table:
+        entries.append(DraftKey("data", "table", list(roles.table), "by their names"))
+    if roles.attitude and roles.means:
+        entries.append(DraftKey("data", "attitude", list(roles.attitude), "by their names"))
+    wanted = {
+        "centrifuge": ("arm_rate", "label", "temperature"),
+        "rate_table": ("arm_rate", "mounting", "temperature"),
+        "dividing_head": ("angle", "autocollimator", "level", "label", "temperature"),
+        "turntable": ("label", "hold", "temperature"),
+        "hand": ("label", "temperature"),
+    }[bench]
+    for role in wanted:
+        if role in roles.single:
+            name = roles.single[role]
+            entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
+            if role == "arm_rate" and _rate_unit(name) != "rpm":
+                entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
+            if role == "temperature":
+                entries += _thermometer_keys(table, name, values)
+    if bench == "hand" and not roles.means and "label" in roles.single:
+        entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
+    return tuple(entries)
+
+
+def _thermometer_keys(
+    table: Table, name: str, values: Mapping[str, object]
+) -> tuple[DraftKey, ...]:
+    """Return the keys of a column of temperature that cannot be in °C, as far as they are known."""
+    read = table.numbers(name)
+    kelvin = seems_kelvin(read)
+    if first_impossible(read + ZERO_CELSIUS) is None and not kelvin:
+        return ()
+    low, high = float(np.nanmin(read)), float(np.nanmax(read))
+    reads = f"{name} reads {low:.6g} to {high:.6g}"
+    if values.get("data.temperature_unit") in COUNTS:
+        unit = values["data.temperature_unit"]
+        scale = f'the scale of {name}, such as "340 {unit}/K"; {reads}'
+        zero = f'the temperature at which {name} reads 0, such as "36.53 °C"'
+        return (
+            DraftKey("data", "temperature_unit", unit),
+            DraftKey("data", "temperature_scale", UNKNOWN, "", scale),
+            DraftKey("data", "temperature_zero", UNKNOWN, "", zero),
+        )
+    if kelvin:
+        return (DraftKey("data", "temperature_unit", "K", reads),)
+    ask = f"the unit of the thermometer, LSB of raw counts ({reads}, which cannot be °C)"
+    return (DraftKey("data", "temperature_unit", UNKNOWN, "", ask),)
+
+
+def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]:
+    """Return the line that names columns which the run file does not use; () where it uses all."""
+    used: set[str] = set()
+    for entry in entries:
+        if entry.section == "data":
+            value = entry.value
+            given = cast(list[object], value) if isinstance(value, list) else [value]
+            used |= {str(name).removeprefix("-") for name in given}
+    left = [name for name in table.names if name not in used]
+    if not left:
+        return ()
+    more = f", … ({len(left)} in all)" if len(left) > _MOST_LISTED else ""
+    return (f"not used: {', '.join(map(shorten, left[:_MOST_LISTED]))}{more}",)
+
+
+def start_deviation(roles: ColumnRoles) -> float:
+    """Return the deviation of means to begin with, of gravity: on an arm norms vary more."""
+    return _ARM_DEVIATION if "arm_rate" in roles.single else _MEAN_DEVIATION
+
+
+def _railed_samples(x: Array, every: Sequence[Array]) -> int:
+    """Return how many samples of a channel, (n,), are at the end of its range."""
+    others = [one for one in every if not np.array_equal(one, x)]
+    return int(np.diff(railed_ranges(x, others)).sum())
+
+
+def deviation_key(deviation: float, reason: str) -> DraftKey:
+    """Return the deviation of means, of gravity, as a key."""
+    return DraftKey("data.sd", "accelerometer", f"{1e6 * deviation:.2g} µg", reason)
+
+
+def facts(
+    logs: Sequence[Path],
+    table: Table,
+    roles: ColumnRoles,
+    rests: QuietMeans | None,
+    time: Array | None,
+    readings: Mapping[str, Array],
+) -> tuple[str, ...]:
+    """Return what was seen of a recording, in a line each: size, rate, rests, ranges."""
+    rows = next(iter(table.columns.values())).size
+    facts = [f"{' and '.join(log.name for log in logs)}: {rows} rows of {len(table.names)} columns"]
+    if time is not None and time.size > 1:
+        step = float(np.median(np.diff(time)))
+        facts.append(f"{time[-1] - time[0]:.1f} s at {1 / step:.5g} Hz")
+    if rests is not None:
+        spans = rests.spans
+        samples = int((spans[:, 1] - spans[:, 0]).sum())
+        unit = "samples"
+        facts.append(f"{len(spans)} sections at rest, {samples} of {rows} {unit}")
+    every = list(np.hstack(list(readings.values())).T)
+    for kind, data in readings.items():
+        facts.append(f"{kind}s read {data.min():.6g} to {data.max():.6g}")
+        clipped = [0] if roles.means else [_railed_samples(x, every) for x in data.T]
+        if any(clipped):
+            facts.append(f"{kind}s are at the end of their range in {max(clipped)} samples")
+    return tuple(facts)

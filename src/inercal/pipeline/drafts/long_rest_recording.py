@@ -1,0 +1,220 @@
+"""A recording at rest that is too long for the memory: blocks of samples, parted at gaps.
+
+Columns, units and rate are found from the first rows, as of a short recording. Where there is a
+column of times, every step is compared with that of the first rows: gaps of one or two samples are
+closed up, longer ones part the recording.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
+from inercal.noise import NoiseStream
+from inercal.noise.pieces import FEW_LOST, JITTER, LOST_SHARE
+from inercal.pipeline.drafts.rest_recording import RestLayout, rest_layout
+from inercal.recordings.io.long_tables import LongTable, open_long_table
+from inercal.recordings.io.time_stamps import times_from_origin
+
+LONG_VALUES = 1 << 26
+"""Rows times columns, above which a recording is analysed in blocks."""
+
+
+@dataclass(frozen=True)
+class LongRestRecording:
+    """A log of a sensor at rest that is read in blocks.
+
+    Parameters
+    ----------
+    table : LongTable
+    layout : RestLayout
+    """
+
+    table: LongTable
+    layout: RestLayout
+
+    def stream(self) -> NoiseStream:
+        """Read the whole log into a stream of its noise, in SI.
+
+        Raises
+        ------
+        InputError
+            A value that is not finite, times that do not increase or that jitter, or too many
+            losses.
+        """
+        columns, source = self.layout.columns, str(self.table.path)
+        stamped = columns.time is not None and columns.rate_hz is None
+        names = [column for _, column, _ in columns.channels]
+        warm = [] if columns.temperature is None else [columns.temperature]
+        wanted = [*names, *warm, *([columns.time] if stamped and columns.time is not None else [])]
+        offsets = np.array([one.offset for one in self.layout.readouts])
+        scales = np.array([one.scale for one in self.layout.readouts])
+        blocks = _finite(self.table.read(wanted), source)
+        first = next(blocks, np.zeros((0, len(wanted))))
+        clock = None
+        if stamped:
+            unit = si_factor(columns.time_unit or "s", like="s")
+            clock = _Clock(first[:, -1], unit, source)
+        dt = 1 / (columns.rate_hz or 1.0) if clock is None else clock.dt
+        axes = [axis for axis, _, _ in columns.channels]
+        stream = NoiseStream(dt, axes, self.layout.units, source)
+        read = 0
+        for block in _chained(first, blocks):
+            values = (block[:, : len(names)] - offsets) / scales
+            kelvin = None
+            if warm:
+                kelvin = columns.thermometer.possible_kelvin(
+                    block[:, len(names)],
+                    warm[0],
+                    lambda row, before=read: f"row {before + row + 1}",
+                    source,
+                )
+            read += len(block)
+            if clock is None:
+                stream.add(values, kelvin)
+            else:
+                clock.add(block[:, -1], values, kelvin, stream)
+        if clock is not None:
+            clock.finish(stream)
+        return stream
+
+
+def open_long_rest_recording(
+    log: Path, stated: Mapping[str, str], most_values: int | None = None
+) -> LongRestRecording | None:
+    """Return a log that is too long for the memory; None of a short one.
+
+    Parameters
+    ----------
+    log : Path
+        Plain text, Parquet, .npz or HDF5, whose columns are all numbers; others are read at once.
+    stated : mapping of str to str
+        As of `read_rest_recording`.
+    most_values : int, optional
+        Rows times columns of a short one; `LONG_VALUES` where not given.
+
+    Raises
+    ------
+    InputError
+        As `read_rest_recording`.
+    """
+    table = open_long_table(log, LONG_VALUES if most_values is None else most_values)
+    if table is None:
+        return None
+    if stated.get("data.nonfinite", "refuse") != "refuse":
+        raise InputError(
+            f"{log}: a recording of {table.rows:.2g} rows is analysed in blocks, where rows that "
+            "are not finite are refused: leave data.nonfinite out",
+            key="data.nonfinite",
+        )
+    return LongRestRecording(table, rest_layout(log, table.head(), stated))
+
+
+def _chained(first: Array, blocks: Iterator[Array]) -> Iterator[Array]:
+    yield first
+    yield from blocks
+
+
+def _finite(blocks: Iterator[Array], source: str) -> Iterator[Array]:
+    """Yield the blocks; refuse a value that is not finite."""
+    row = 0
+    for block in blocks:
+        bad = np.flatnonzero(~np.isfinite(block).all(axis=1))
+        if bad.size:
+            raise InputError(
+                f"{source} row {row + int(bad[0]) + 1}: a value is missing or not finite; remove "
+                "the row: it is then a gap",
+                file=source,
+            )
+        row += len(block)
+        yield block
+
+
+class _Clock:
+    """Follows the times of the samples from block to block.
+
+    Parameters
+    ----------
+    first : (k,) array
+        Stamps of the first block.
+    unit : float
+        s, of the column of times.
+    source : str
+    """
+
+    def __init__(self, first: Array, unit: float, source: str):
+        time, self._origin = times_from_origin(first, unit)
+        steps = np.diff(time)
+        middle = float(np.median(steps)) if steps.size else 0.0
+        if not middle > 0:
+            raise InputError(f"{source}: the times do not increase", file=source)
+        plain = np.rint(steps / middle) == 1
+        spread = 1.4826 * float(np.median(np.abs(steps[plain] - np.median(steps[plain]))))
+        if spread > JITTER * middle:
+            raise InputError(
+                f"{source}: the times jitter by more than {JITTER:g} of the sampling interval, and "
+                "the recording is too long to be averaged by time: analyse parts of it",
+                file=source,
+            )
+        self.dt = float(steps[plain].mean())
+        self._unit, self._source = unit, source
+        self._last = -self.dt
+        self._plain_time, self._plain_steps = 0.0, 0
+        self._closed, self._closed_gaps, self._rows = 0, 0, 0
+
+    def add(self, stamps: Array, values: Array, kelvin: Array | None, stream: NoiseStream) -> None:
+        """Give the samples of a block, with their temperatures, to the stream, parted at gaps."""
+        time, _ = times_from_origin(stamps, self._unit, self._origin)
+        steps = np.diff(time, prepend=self._last)
+        if (bad := np.flatnonzero(~(steps > 0))).size:
+            raise InputError(
+                f"{self._source} row {self._rows + int(bad[0]) + 1}: time does not increase: the "
+                "clock was reset; split or repair the file there",
+                file=self._source,
+            )
+        lost = np.rint(steps / self.dt).astype(np.int64) - 1
+        plain = lost < 1
+        plain[0] &= self._rows > 0
+        self._plain_time += float(steps[plain].sum())
+        self._plain_steps += int(np.count_nonzero(plain))
+        few = (lost >= 1) & (lost <= FEW_LOST)
+        self._closed += int(lost[few].sum())
+        self._closed_gaps += int(np.count_nonzero(few))
+        begins = np.flatnonzero(lost > FEW_LOST)
+        bounds = [0, *begins.tolist(), time.size]
+        for k, (a, b) in enumerate(pairwise(bounds)):
+            if k:
+                stream.begin_piece(float(time[a]))
+            stream.add(values[a:b], None if kelvin is None else kelvin[a:b])
+        self._last = float(time[-1])
+        self._rows += time.size
+
+    def finish(self, stream: NoiseStream) -> None:
+        """Set the mean sampling interval, and say what was closed up.
+
+        Raises
+        ------
+        InputError
+            More lost samples than may be closed up.
+        """
+        stream.duration = self._last
+        if self._plain_steps:
+            stream.dt = self._plain_time / self._plain_steps
+        if not self._closed:
+            return
+        share = self._closed / (self._rows + self._closed)
+        if share > LOST_SHARE:
+            raise InputError(
+                f"{self._source}: {100 * share:.2g} % of the samples are lost one by one, and at "
+                f"most {100 * LOST_SHARE:g} % can be closed up: record without losses",
+                file=self._source,
+            )
+        stream.remarks.append(
+            f"{self._closed} lost samples ({100 * share:.2g} %) in {self._closed_gaps} gaps of at "
+            f"most {FEW_LOST} were closed up"
+        )

@@ -1,0 +1,123 @@
+"""The methods that a recording supports: each that may fit is tried on the data."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from inercal.basics.errors import InercalError
+from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections
+from inercal.recordings.io.column_table import shorten
+
+if TYPE_CHECKING:
+    from inercal.pipeline import Outcome
+
+_LONGEST_REASON = 160  # characters
+
+Candidate = tuple[str, str, dict[str, Any]]
+"""Kind of bench, name of a method, and further keys of [method]."""
+
+
+class MethodTrial(NamedTuple):
+    """A method tried on the data.
+
+    Parameters
+    ----------
+    name : str
+    keys : dict of str to object
+        Further keys of [method].
+    outcome : Outcome or None
+        None where it was refused, or not tried.
+    reason : str
+        Why it was refused; empty where it works.
+    key : str
+        The key of the run file that was refused, "[bench] tilt"; empty where none was.
+    """
+
+    name: str
+    keys: dict[str, Any]
+    outcome: "Outcome | None"
+    reason: str = ""
+    key: str = ""
+
+    @property
+    def called(self) -> str:
+        """The name with its keys."""
+        return ", ".join([self.name, *(f"{key} = {value}" for key, value in self.keys.items())])
+
+    @property
+    def text(self) -> str:
+        """What it finds, or why it does not, in a line."""
+        if self.outcome is None:
+            return f"{self.called}: {self.reason}"
+        count = len(self.outcome.calibration.sensor.coefficients)
+        return f"{self.called}: {count} coefficients, {self.outcome.verdict.word}"
+
+
+def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
+    """Return the methods that may fit the columns: bench, method, further keys of [method].
+
+    The first that works on the data is proposed.
+    """
+    triad = len(roles.triads.get("accelerometer", ()))
+    gyros = "gyro" in roles.triads
+    if roles.table:
+        return (("turntable", "turntable_kalman", {}),)
+    if "mounting" in roles.single and "arm_rate" in roles.single:
+        return (("rate_table", "ship_multi_angle", {}), ("rate_table", "ship_planar", {}))
+    if "arm_rate" in roles.single and triad == 3:
+        return (("centrifuge", "centrifuge_norm", {}),)
+    if "angle" in roles.single and triad:
+        names = ("dual_orthogonal", "tumble") if triad == 2 else ("tumble",)
+        return tuple(("dividing_head", name, {}) for name in names)
+    if triad < 3:
+        return ()
+    if roles.means:
+        warm = {"also": ["k0_dT", "k1_dT"]}
+        by_temperature = [("hand", "six_position", warm)] if "temperature" in roles.single else []
+        return (*by_temperature, ("hand", "six_position", {}))
+    turns = (360, -360)
+    ferraris: list[Candidate] = [("hand", "ferraris", {"turn": f"{angle} °"}) for angle in turns]
+    ferraris = ferraris if gyros else []
+    free: list[Candidate] = [("hand", "multi_position", {})]
+    six: list[Candidate] = [("hand", "six_position", {})]
+    return tuple(ferraris + six + free if "label" in roles.single else free + ferraris + six)
+
+
+def try_methods(
+    entries: tuple[DraftKey, ...],
+    candidates: Sequence[Candidate],
+    folder: Path,
+) -> tuple[MethodTrial, ...]:
+    """Return every candidate, tried on the data until one works.
+
+    Parameters
+    ----------
+    entries : tuple of DraftKey
+        Of the run file but [method].
+    candidates : sequence of Candidate
+    folder : Path
+        That of the run file.
+    """
+    from inercal.pipeline import calibrate
+    from inercal.runfile import from_sections
+
+    unknown = [entry.name for entry in entries if entry.value == UNKNOWN]
+    trials: list[MethodTrial] = []
+    for _, name, keys in candidates:
+        works = any(one.outcome and one.outcome.verdict.grade != "unreliable" for one in trials)
+        if unknown or works:
+            reason = f"not tried without {', '.join(unknown)}" if unknown else "not tried"
+            trials.append(MethodTrial(name, keys, None, reason))
+            continue
+        content = as_sections(entries)
+        content["method"] = content.get("method", {}) | {"name": name, **keys}
+        run_file = folder / "draft"
+        try:
+            outcome = calibrate(from_sections(run_file, content, ""))
+        except InercalError as error:
+            reason = shorten(str(error).removeprefix(f"{run_file}: "), _LONGEST_REASON)
+            trials.append(MethodTrial(name, keys, None, reason, getattr(error, "key", "")))
+        else:
+            trials.append(MethodTrial(name, keys, outcome))
+    return tuple(trials)

@@ -1,0 +1,383 @@
+"""Unit, scale factor and offset of each triad, by what gravity and turns between rests show."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.physics.sensors import G0
+from inercal.recordings import Indices
+from inercal.recordings.segments.gravity_turns import (
+    GravityTurns,
+    describe_changes,
+    find_matching_axes,
+    rotations,
+    sphere,
+    sum_rates,
+    turn_differences,
+)
+
+_ACCELEROMETER_UNITS = {"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0}
+_GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180}
+# Of two that differ by less than any sensor's error, the power of two comes first.
+_COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
+_COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
+_WIDEST = 2.0  # radius of a sphere, of the readings' range
+_MID_SCALES = tuple(2.0**k for k in range(7, 32))
+_NEAR = 0.12  # of a unit's size: bias and scale errors of a plain MEMS sensor
+_NEAR_NOMINAL = 0.04  # of a nominal scale factor
+_ANGLES = (np.deg2rad(20), np.deg2rad(160))  # between two attitudes, for a gyro's scale
+_LIKELY = (10.0, 2500.0)  # Hz, rates of a log without times
+_MOST_TURNS = 40
+_SLOW = 0.05  # of the highest rate: gravity alone is felt
+_TURN_SAMPLES = 128  # a power of two
+_MOST_MISFIT = np.deg2rad(8)
+_FEWEST_TURNS = 3  # marked ones: about each axis
+
+
+class GuessedReadout(NamedTuple):
+    """How a triad states its readings.
+
+    Parameters
+    ----------
+    unit : str
+        "LSB" where it is none of the usual units.
+    scale : str
+        Nominal scale factor of counts, "2048 LSB/g"; empty for a unit.
+    offset : float
+        Reading at zero, output units.
+    size : float
+        SI size of one output unit, estimated.
+    reason : str
+    certain : bool
+        False where only the user can tell.
+    rate_hz : float
+        Rate of the samples that the turns suggest; 0 for none.
+    """
+
+    unit: str
+    scale: str
+    offset: float
+    size: float
+    reason: str
+    certain: bool = True
+    rate_hz: float = 0.0
+
+
+class QuietMeans(NamedTuple):
+    """Sections at rest: first sample and the one after the last, (k, 2), and means, (k, 3)."""
+
+    spans: Indices
+    force: Array
+    rate: Array | None
+
+
+def find_quiet_sections(data: Array, window: int) -> Indices:
+    """Return the quiet sections of readings, (n, m), as samples start and stop, (k, 2).
+
+    The scatter of blocks of half a window splits into quiet and moving ones where two groups are
+    farthest apart (Otsu's criterion on its logarithm); quiet sections last two windows or more.
+    """
+    block = max(2, window // 2)
+    count = len(data) // block
+    if count < 8:
+        return np.array([[0, len(data)]])
+    blocks = data[: count * block].reshape(count, block, -1)
+    scatter = blocks.std(axis=1)
+    floor = np.maximum(np.quantile(scatter, 0.2, axis=0), 1e-12)
+    level = np.log(np.maximum((scatter / floor).max(axis=-1), 1e-3))
+    edges = np.sort(level)
+    below = np.arange(1, count)
+    sums = np.cumsum(edges)
+    gap = (sums[:-1] / below - (sums[-1] - sums[:-1]) / (count - below)) ** 2
+    split = int(np.argmax(below * (count - below) * gap))
+    apart = np.sqrt(gap[split])
+    quiet = level <= 0.5 * (edges[split] + edges[split + 1]) if apart > 1.5 else level < np.inf
+    change = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(int), [0]])))
+    runs = change.reshape(-1, 2)
+    runs = runs[runs[:, 1] - runs[:, 0] >= 4]
+    return runs * block
+
+
+def rest_means(sections: Indices, force: Array, rate: Array | None) -> QuietMeans:
+    """Return the means of sections, without a quarter at both ends."""
+
+    def mean(data: Array) -> Array:
+        return np.array(
+            [data[a + (b - a) // 4 : b - (b - a) // 4].mean(axis=0) for a, b in sections]
+        )
+
+    return QuietMeans(sections, mean(force), None if rate is None else mean(rate))
+
+
+def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
+    """Return the accelerometers' readout by the size of gravity in means at rest, (k, 3).
+
+    Raises
+    ------
+    InputError
+        All means are zero.
+    """
+    if not means.any():
+        raise InputError(
+            "the accelerometers read 0 at rest: check that the sensor is connected and awake, and "
+            "that these are its columns",
+            key="data.accelerometer",
+        )
+    centre, radius = sphere(means)
+    named = _ACCELEROMETER_UNITS.get(stated or "")
+    if named is not None and stated is not None:
+        return GuessedReadout(
+            stated, "", 0.0, named, "stated by the columns' names or by the format"
+        )
+    plain = float(np.median(np.linalg.norm(means, axis=-1)))
+    for unit, size in _ACCELEROMETER_UNITS.items():
+        if abs(plain * size / G0 - 1) < _NEAR:
+            return GuessedReadout(
+                unit, "", 0.0, size, f"at rest the readings have a norm of {plain:.4g}"
+            )
+    counts = radius if radius is not None else plain
+    offset = 0.0 if centre is None else _offset(float(np.median(centre)), counts)
+    per_g, why = _nominal(counts, _COUNTS_PER_G)
+    reason = f"gravity has {counts:.4g} counts{why}"
+    return GuessedReadout("LSB", f"{per_g:.6g} LSB/g", offset, G0 / per_g, reason)
+
+
+def guess_from_norms(
+    force: Array, rate: Array, radius: float | None
+) -> tuple[GuessedReadout, float | None]:
+    """Return the accelerometers' readout and the radius, m, by norms at rates on an arm.
+
+    The squared norm is s² (g² + ω⁴ r²). The size s of an output unit follows from the radius, or
+    where the arm also rests, from gravity; then the radius follows too.
+
+    Parameters
+    ----------
+    force : (n, 3) array
+        Readings.
+    rate : (n,) array
+        ω, rad/s.
+    radius : float or None
+        m, where it is known.
+    """
+    norm = np.linalg.norm(force, axis=-1)
+    slow = np.abs(rate) <= _SLOW * np.abs(rate).max()
+    if radius is None and not slow.any():
+        text = "it follows from the radius"
+        return GuessedReadout("LSB", "", 0.0, 1.0, text, certain=False), None
+    if radius is None:
+        plain = float(np.median(norm[slow]))
+        fast = np.abs(rate) >= 0.5 * np.abs(rate).max()
+        across = np.sqrt(np.maximum((norm * G0 / plain) ** 2 - G0**2, 0.0))
+        radius = float(np.median(across[fast] / rate[fast] ** 2))
+        reason = f"at rest the readings have a norm of {plain:.4g}"
+    else:
+        plain = float(np.median(norm * G0 / np.hypot(G0, rate**2 * radius)))
+        reason = f"with this radius gravity is {plain:.4g}"
+    for unit, size in _ACCELEROMETER_UNITS.items():
+        if abs(plain * size / G0 - 1) < _NEAR:
+            return GuessedReadout(unit, "", 0.0, size, reason), radius
+    return _counts_per_g(plain, reason), radius
+
+
+def guess_from_turned_axis(force: Array) -> GuessedReadout:
+    """Return the readout of accelerometers that a head turned through gravity, (n, k)."""
+    plain = float(np.max(np.abs(force - 0.5 * (force.max(axis=0) + force.min(axis=0)))))
+    for unit, size in _ACCELEROMETER_UNITS.items():
+        if abs(plain * size / G0 - 1) < _NEAR:
+            reason = f"the largest reading is {plain:.4g}"
+            return GuessedReadout(unit, "", 0.0, size, reason)
+    return _counts_per_g(plain, f"the largest reading is {plain:.4g}")
+
+
+def _counts_per_g(plain: float, reason: str) -> GuessedReadout:
+    text = f"{reason}; the unit may be V or mA: it is called LSB here"
+    return GuessedReadout("LSB", f"{plain:.4g} LSB/g", 0.0, G0 / float(f"{plain:.4g}"), text)
+
+
+def norm_misfit(means: Array) -> float:
+    """Return the scatter of the norms of readings at rest, (k, 3), about their sphere's centre.
+
+    Relative to the radius; about zero where the attitudes do not span a sphere.
+    """
+    centre, radius = sphere(means)
+    if radius is not None and radius > _WIDEST * float(np.ptp(means, axis=0).max()):
+        return np.inf  # columns of a plane, or nearly so: the centre is far outside
+    norms = np.linalg.norm(means - (0.0 if centre is None else centre), axis=-1)
+    mean = float(norms.mean())
+    return float(norms.std()) / mean if mean else np.inf
+
+
+def _offset(centre: float, reach: float) -> float:
+    """Return the nominal offset of a converter: zero, half of its range, or what is found."""
+    if abs(centre) < 0.3 * reach:
+        return 0.0
+    near = min(_MID_SCALES, key=lambda one: abs(np.log(max(centre, 1.0) / one)))
+    return near if abs(centre - near) < 0.3 * reach else float(f"{centre:.3g}")
+
+
+def _nominal(counts: float, known: Sequence[float]) -> tuple[float, str]:
+    """Return the first of the known scale factors that is near, and all that are near in words."""
+    near = [one for one in known if abs(counts / one - 1) < _NEAR_NOMINAL]
+    if near:
+        others = f" ({' and '.join(f'{one:.6g}' for one in near[1:])} is as near)" * bool(near[1:])
+        return near[0], f", near the nominal {near[0]:.6g}{others}"
+    return float(f"{counts:.3g}"), ""
+
+
+def guess_gyro(
+    rests: QuietMeans,
+    gyro: Array,
+    accelerometer: GuessedReadout,
+    dt: float | None,
+    stated: str | None,
+    turns: Sequence[tuple[int, int]] = (),
+) -> GuessedReadout:
+    """Return the gyros' readout by how far gravity turned between rests.
+
+    Parameters
+    ----------
+    rests : QuietMeans
+    gyro : (n, 3) array
+        Readings.
+    accelerometer : GuessedReadout
+    dt : float or None
+        Time between samples, s; None where it is unknown.
+    stated : str or None
+        Unit in the columns' names.
+    turns : sequence of (start, stop)
+        Samples of the marked sections that move.
+    """
+    assert rests.rate is not None
+    offset = _gyro_offset(rests)
+    if stated is not None and stated in _GYRO_UNITS:
+        return GuessedReadout(
+            stated, "", 0.0, _GYRO_UNITS[stated], "stated by the columns' names or by the format"
+        )
+    size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)
+    reason = f"{count} turns between rests agree with gravity to {np.degrees(misfit):.1f}°"
+    if size is None and len(turns) >= _FEWEST_TURNS:
+        swept = [_norm_of_sum(gyro[a:b] - np.median(rests.rate, axis=0)) for a, b in turns]
+        size = 2 * np.pi / float(np.median(swept))
+        reason = f"{len(turns)} marked turns, each taken as 360°"
+    whole = bool(np.all(gyro == np.rint(gyro)))  # counts, whose scale needs the rate
+    if size is not None and dt is None and not whole:
+        rates = {unit: si / size for unit, si in _GYRO_UNITS.items()}
+        likely = [unit for unit, rate in rates.items() if _LIKELY[0] < rate < _LIKELY[1]]
+        if len(likely) == 1:
+            (unit,) = likely
+            text = f"{reason} at about {rates[unit]:.3g} Hz; in another unit at no likely rate"
+            return GuessedReadout(unit, "", 0.0, _GYRO_UNITS[unit], text, rate_hz=rates[unit])
+    if size is None or dt is None:
+        known_with = "with the rate, --set data.rate, inercal init finds it"
+        unknown = known_with if size is not None else "no turn between rests determines it"
+        if size is None and whole:
+            unknown += "; of raw counts LSB, with sensor.gyro.scale such as 131 LSB/(°/s)"
+        return GuessedReadout("°/s", "", offset, np.pi / 180, unknown, False)
+    size /= dt
+    for unit, si in _GYRO_UNITS.items():
+        if abs(size / si - 1) < _NEAR:
+            return GuessedReadout(unit, "", 0.0, si, reason)
+    per_degree, why = _nominal(np.pi / 180 / size, _COUNTS_PER_DEGREE)
+    text = f"{per_degree:.6g} LSB/(°/s)"
+    return GuessedReadout("LSB", text, offset, np.pi / 180 / per_degree, reason + why)
+
+
+def _norm_of_sum(rate: Array) -> float:
+    return float(np.linalg.norm(rate.sum(axis=0)))
+
+
+def _gyro_offset(rests: QuietMeans) -> float:
+    assert rests.rate is not None
+    centre = float(np.median(rests.rate))
+    near = min(_MID_SCALES, key=lambda one: abs(np.log(max(centre, 1.0) / one)))
+    return near if centre > 100 and abs(centre / near - 1) < 0.05 else 0.0
+
+
+def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | None, int, float]:
+    """Return the angle of one count for one sample, rad, number of turns, and misfit, rad.
+
+    The angle by which gravity turns in the case between two rests must follow from the gyros:
+    f₂ = Rᵀ(s) f₁ with the product R of the rotations s·ω of all samples.
+    """
+    turns = turns_of_readings(rests, gyro, offset)
+    if turns is None:
+        return None, 0, 0.0
+    first, second, swept = turns
+
+    def best(scales: Array) -> tuple[int, float]:
+        misfits = [_misfit(first, second, scale * swept) for scale in scales]
+        return int(np.argmin(misfits)), min(misfits)
+
+    grid = _likely_scales(swept, 240)
+    k, _ = best(grid)
+    low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
+    near = np.geomspace(low, high, 25)
+    k, misfit = best(near)
+    return (None, 0, 0.0) if misfit > _MOST_MISFIT else (float(near[k]), len(swept), misfit)
+
+
+def turns_of_readings(rests: QuietMeans, gyro: Array, offset: float) -> GravityTurns | None:
+    """Return the turns between rests by which gravity turns far; angles in counts times samples."""
+    centre, _ = sphere(rests.force)
+    force = rests.force - (offset if centre is None else centre)
+    unit = force / np.linalg.norm(force, axis=-1, keepdims=True)
+    assert rests.rate is not None
+    middles = rests.spans.mean(axis=1).astype(int)
+    between = np.arccos(np.clip((unit[:-1] * unit[1:]).sum(axis=-1), -1, 1))
+    chosen = np.flatnonzero((between > _ANGLES[0]) & (between < _ANGLES[1]))
+    if not chosen.size:
+        return None
+    chosen = chosen[:: -(-len(chosen) // _MOST_TURNS)]
+    bias = 0.5 * (rests.rate[chosen] + rests.rate[chosen + 1])
+    swept = [
+        sum_rates(gyro[middles[k] : middles[k + 1]] - b, _TURN_SAMPLES)
+        for k, b in zip(chosen, bias, strict=True)
+    ]
+    return GravityTurns(unit[chosen], unit[chosen + 1], np.stack(swept))
+
+
+def _likely_scales(swept: Array, count: int) -> Array:
+    """Return scales by which the typical turn is between far too small and far too large."""
+    typical = float(np.median(np.linalg.norm(np.abs(swept).sum(axis=1), axis=-1)))
+    return np.geomspace(0.2, 8.0, count) / typical
+
+
+def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
+    """Return by which exchanged or reversed axes turns agree with gravity at any scale, in words.
+
+    Axes are named ax to gz; nothing where no single change agrees.
+    """
+    if len(turns.angles) < _FEWEST_TURNS or not turns.angles.any():
+        return ()
+    found = find_matching_axes(turns, _likely_scales(turns.angles, 60).tolist())
+    matrices = {one.matrix for one in found}
+    return describe_changes(replace(found[0], factor=1.0)) if len(matrices) == 1 else ()
+
+
+def _misfit(first: Array, second: Array, angles: Array) -> float:
+    """Return the median angle between predicted and measured gravity, rad."""
+    return float(np.median(turn_differences(first, second, rotations(angles))))
+
+
+def white_noise(data: Array, rests: QuietMeans, size: float, dt: float) -> float:
+    """Return the density of white noise within rests, largest of the axes, SI·√s.
+
+    By differences of neighbours, which slow changes do not enter; rounding does.
+
+    Parameters
+    ----------
+    data : (n, 3) array
+        Readings.
+    rests : QuietMeans
+    size : float
+        SI size of an output unit.
+    dt : float
+        s, between samples.
+    """
+    inner = [data[a + (b - a) // 4 : b - (b - a) // 4] for a, b in rests.spans.tolist()]
+    scatter = [np.diff(part, axis=0).std(axis=0) for part in inner if len(part) > 2]
+    return float(np.median(scatter, axis=0).max()) / np.sqrt(2) * size * np.sqrt(dt)

@@ -1,0 +1,245 @@
+"""A recording of a sensor at rest without a run file: columns, units and rate as `init` finds them.
+
+At rest nothing shows a gyro's unit: it comes from the columns' names, from the format, or is
+stated.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.physics.section_settings import si_value
+from inercal.physics.sensors.axis import Readout
+from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
+from inercal.pipeline.drafts.draft_sections import clock_keys
+from inercal.pipeline.drafts.readouts import guess_accelerometer
+from inercal.pipeline.drafts.stated_keys import stated_columns, stated_thermometer, stated_values
+from inercal.recordings import Recording
+from inercal.recordings.io.audit import NonfinitePolicy
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.isolation import MOST_VALUES_KEY
+from inercal.recordings.io.read import detect_reader, read_recording, read_table
+from inercal.recordings.io.table_recording import Columns
+from inercal.recordings.temperature_readout import first_impossible
+from inercal.runfile.schema import ReadoutSection
+from inercal.runfile.sensor_builder import READING_UNITS, build_readout
+
+_COUNTS = "LSB"
+_TOO_LONG = MOST_VALUES_KEY  # of what is refused for its size
+_AXES = "xyz"
+_KEYS = (
+    *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
+                                  "temperature", "temperature_unit", "temperature_scale",
+                                  "temperature_zero", "allow_temperature", "nonfinite")),
+    *(f"sensor.{kind}.{name}" for kind in READING_UNITS for name in ("unit", "scale", "offset")),
+)  # fmt: skip
+
+
+def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
+    """Return the accelerometers and gyros of a log in m/s² and rad/s, with its temperature.
+
+    Parameters
+    ----------
+    log : Path
+        Of any format that is read.
+    stated : mapping of str to str
+        Values by key of a run file: "data.rate", "data.gyro", "sensor.gyro.unit",
+        "sensor.gyro.scale", ….
+
+    Raises
+    ------
+    InputError
+        A key that changes nothing, no column of a sensor, a unit or a rate that is not known, or
+        what the audit refuses.
+    """
+    try:
+        table = read_table(log)
+        layout = rest_layout(log, table, stated)
+        recording = read_recording(log, layout.columns)
+    except InputError as error:
+        if error.key != _TOO_LONG:
+            raise
+        raise InputError(
+            f"{log}: it is damaged, or too long to be read at once. A log of any length is "
+            "analysed in blocks where it is plain text, Parquet, .npz or HDF5 and all its columns "
+            "are numbers, the time in seconds: convert it, or give a part of it",
+            file=log,
+            key=_TOO_LONG,
+        ) from error
+    return in_si(recording, layout.readouts, layout.units)
+
+
+@dataclass(frozen=True)
+class RestLayout:
+    """Which columns of a log hold what, and how channels become SI.
+
+    Parameters
+    ----------
+    columns : Columns
+    readouts : list of Readout
+        Of each channel.
+    units : list of str
+        "m/s²" or "rad/s" of each channel.
+    """
+
+    columns: Columns
+    readouts: list[Readout]
+    units: list[str]
+
+
+def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayout:
+    """Return the layout of a log by its table, or by its first rows.
+
+    Raises
+    ------
+    InputError
+        A key that changes nothing, no column of a sensor, or a unit or a rate that is not known.
+    """
+    _require_used_keys(stated)
+    values = stated_values(stated)
+    columns = stated_columns(values, table, second_file=False)
+    roles = recognise_columns(table, detect_reader(log).name, columns)
+    if not roles.triads:
+        raise InputError(
+            f"{log}: no accelerometers and no gyros are recognised among "
+            f"{', '.join(table.names)}: {_what_to_state(table, roles)}",
+            file=log,
+            key="data.accelerometer",
+        )
+    readouts = {kind: _readout(log, table, roles, kind, values) for kind in roles.triads}
+    channels = tuple(
+        (f"{'a' if kind == 'accelerometer' else 'g'}{axis}", column, readouts[kind].unit)
+        for kind, names in roles.triads.items()
+        for axis, column in zip(_axes(len(names)), names, strict=True)
+    )
+    kinds = [kind for kind, names in roles.triads.items() for _ in names]
+    return RestLayout(
+        _columns(log, table, roles, channels, stated, values),
+        [readouts[kind] for kind in kinds],
+        [READING_UNITS[kind] for kind in kinds],
+    )
+
+
+def _what_to_state(table: Table, roles: ColumnRoles) -> str:
+    """Return all that a log without known names needs, by the names of its own columns."""
+    clock = roles.single.get("time")
+    readings: list[str] = []
+    for name, column in table.columns.items():
+        if column.dtype.kind == "U" or name in roles.single.values():
+            continue
+        if np.all(np.diff(table.numbers(name)) > 0):
+            clock = clock or name
+        else:
+            readings.append(name)
+    pairs = [("data.accelerometer", ",".join(readings[:3]) or "ax,ay,az"),
+             ("data.gyro", ",".join(readings[3:6]) or "gx,gy,gz"),
+             ("sensor.gyro.unit", "°/s")]  # fmt: skip
+    if clock is not None and "time" not in roles.single:
+        pairs += [("data.time", clock), ("data.time_unit", "s")]
+    options = " ".join(f'--set "{key}={value}"' for key, value in pairs)
+    return (
+        f"state which columns they are and the gyros' unit, such as {options}; or give the run "
+        "file that names them, with this recording as its [data] file"
+    )
+
+
+def _axes(count: int) -> tuple[str, ...]:
+    return tuple(_AXES[:count]) if count <= len(_AXES) else tuple(map(str, range(1, count + 1)))
+
+
+def in_si(recording: Recording, readouts: list[Readout], units: list[str]) -> Recording:
+    """Return readings of axes in their SI units.
+
+    Parameters
+    ----------
+    recording : Recording
+        In output units, with one channel for each readout.
+    readouts : list of Readout
+    units : list of str
+        "m/s²" or "rad/s" of each.
+    """
+    offsets = np.array([one.offset for one in readouts])
+    scales = np.array([one.scale for one in readouts])
+    return replace(recording, data=(recording.data - offsets) / scales, units=tuple(units))
+
+
+def _require_used_keys(stated: Mapping[str, str]) -> None:
+    unused = [key for key in stated if key not in _KEYS]
+    if unused:
+        raise InputError(
+            f"--set {unused[0]}: it changes nothing in a noise analysis; possible: "
+            f"{', '.join(_KEYS)}",
+            key=unused[0],
+        )
+
+
+def _readout(
+    log: Path, table: Table, roles: ColumnRoles, kind: str, values: Mapping[str, Any]
+) -> Readout:
+    key = f"sensor.{kind}"
+    scale, offset = values.get(f"{key}.scale"), values.get(f"{key}.offset", 0.0)
+    if isinstance(offset, bool) or not isinstance(offset, int | float):
+        raise InputError(f"{key}.offset: {offset!r} is not a number", key=f"{key}.offset")
+    unit = values.get(f"{key}.unit", roles.units.get(kind) if scale is None else _COUNTS)
+    if unit is None and kind == "accelerometer":
+        names = roles.triads[kind]
+        mean = np.array([[float(np.mean(table.numbers(name))) for name in names]])
+        guess = guess_accelerometer(mean, None)
+        unit = None if guess.unit == _COUNTS else guess.unit
+    if unit is None:
+        example = "rad/s" if kind == "gyro" else "m/s²"
+        counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
+        raise InputError(
+            f'{log}: the unit of the {kind}s is not known: --set "{key}.unit={example}", or of '
+            f'counts --set "{key}.scale={counts}"',
+            file=log,
+            key=f"{key}.unit",
+        )
+    keys = {"unit": str(unit), "scale": scale, "offset": float(offset)}
+    return build_readout(kind, ReadoutSection.model_validate(keys))[0]
+
+
+def _columns(
+    log: Path,
+    table: Table,
+    roles: ColumnRoles,
+    channels: tuple[tuple[str, str, str], ...],
+    stated: Mapping[str, str],
+    values: Mapping[str, Any],
+) -> Columns:
+    _, clock = clock_keys(table, roles, stated)
+    keys = {one.key: one.value for one in clock}
+    counted = keys.get("time_unit") == "sample" or "time" not in keys
+    if counted and "data.rate" not in stated:
+        raise InputError(
+            f'{log}: the rate of the samples is not known: --set "data.rate=100 Hz"',
+            file=log,
+            key="data.rate",
+        )
+    policy = values.get("data.nonfinite", "refuse")
+    if policy not in get_args(NonfinitePolicy):
+        raise InputError(
+            f"data.nonfinite: {policy!r} can be {', '.join(get_args(NonfinitePolicy))}",
+            key="data.nonfinite",
+        )
+    unit = str(values.get("data.time_unit", keys.get("time_unit", "s")))
+    dates = "time" in keys and table.columns[roles.single["time"]].dtype.kind == "U"
+    warm, thermometer = roles.single.get("temperature"), stated_thermometer(values)
+    named = [key for key in stated if "temperature" in key]
+    if warm is not None and not named:
+        kelvin = thermometer.kelvin(table.numbers(warm))
+        # Raw counts that nobody asked for, and that no result of the noise needs.
+        warm = warm if first_impossible(kelvin) is None else None
+    return Columns(
+        channels=channels,
+        time=roles.single.get("time"),
+        time_unit=None if dates or "time" not in keys else unit,
+        rate_hz=si_value(stated["data.rate"], "Hz", "data.rate") if counted else None,
+        temperature=warm,
+        thermometer=thermometer,
+        nonfinite=policy,
+    )

@@ -1,0 +1,202 @@
+"""Keys of a run file that the user states as text: `data.rate=100 Hz`, `data.gyro=[5, 6, 7]`."""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from types import UnionType
+from typing import Any, Union, cast, get_args, get_origin
+
+from pydantic import BaseModel
+
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import parse_toml
+from inercal.benches.kinds import KINDS
+from inercal.pipeline.drafts.column_names import NAMES
+from inercal.recordings.io.column_table import Table, select_columns
+from inercal.recordings.io.readers import known_options
+from inercal.recordings.temperature_readout import TemperatureReadout, temperature_readout
+from inercal.runfile.schema import RunSchema
+
+_TRIADS = ("accelerometer", "gyro")
+_COLUMNS = (*_TRIADS, *NAMES)
+
+
+def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
+    """Return the values of stated keys; lists and numbers are those of TOML.
+
+    >>> stated_values({"data.gyro": "a,b,c", "data.accelerometer": "[2, 3, 4]"})
+    {'data.gyro': ['a', 'b', 'c'], 'data.accelerometer': [2, 3, 4]}
+
+    Raises
+    ------
+    InputError
+        A key that no run file has, or a list that cannot be read.
+    """
+    return {key: _value(key, text) for key, text in stated.items()}
+
+
+def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:
+    """Return how the column of temperature states temperatures.
+
+    Raises
+    ------
+    InputError
+        A unit that is no temperature, counts without scale and zero, or a value of another kind.
+    """
+    given = {key: values.get(f"data.temperature_{key}") for key in ("unit", "scale", "zero")}
+    for key, value in given.items():
+        if value is not None and not isinstance(value, str):
+            raise InputError(
+                f"data.temperature_{key}: {value!r} has no unit; write it as text with its unit",
+                key=f"data.temperature_{key}",
+            )
+    allowed = values.get("data.allow_temperature", False)
+    if not isinstance(allowed, bool):
+        raise InputError(
+            f"data.allow_temperature: {allowed!r} can be true or false",
+            key="data.allow_temperature",
+        )
+    unit = given["unit"] or "°C"
+    return temperature_readout(unit, given["scale"], given["zero"], allowed=allowed)
+
+
+def stated_columns(
+    values: Mapping[str, Any], table: Table, *, second_file: bool
+) -> dict[str, tuple[str, ...]]:
+    """Return the stated columns of a table by role; numbers count its columns from 1.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+        Of `stated_values`.
+    table : Table
+    second_file : bool
+        Whether the gyros lie in another file.
+
+    Raises
+    ------
+    InputError
+        A column that the table lacks.
+    """
+    roles = [role for role in _COLUMNS if role != "gyro" or not second_file]
+    return {role: _columns(role, values, table) for role in roles if f"data.{role}" in values}
+
+
+def stated_gyros(values: Mapping[str, Any], table: Table) -> dict[str, tuple[str, ...]]:
+    """Return the stated columns of the gyros' own file.
+
+    Raises
+    ------
+    InputError
+        A column that the file lacks.
+    """
+    return {"gyro": _columns("gyro", values, table)} if "data.gyro" in values else {}
+
+
+def _columns(role: str, values: Mapping[str, Any], table: Table) -> tuple[str, ...]:
+    key = f"data.{role}"
+    value = values[key]
+    given = cast(list[object], value) if isinstance(value, list) else [value]
+    names = tuple(_column_name(one, table) for one in given)
+    try:
+        select_columns(table.names, names, table.source)
+    except InputError as error:
+        raise error.located(key, key=key) from None
+    if role in _TRIADS and (len(set(names)) != len(names) or (role == "gyro" and len(names) != 3)):
+        raise InputError(f"{key}: {', '.join(names)}: give three columns, x, y, z", key=key)
+    return names
+
+
+def _column_name(column: object, table: Table) -> str:
+    """Return the name of a column that is given by name or by number, without its sign."""
+    text = str(column).removeprefix("-")
+    if text in table.names or not text.isdecimal() or not 1 <= int(text) <= len(table.names):
+        return text
+    return table.names[int(text) - 1]
+
+
+def _value(key: str, text: str) -> Any:
+    types = _types(key)
+    if any(get_origin(one) in (tuple, list) for one in types):
+        return _list(key, text)
+    if str in types and not (int in types and text.isdecimal()):
+        return text
+    return _toml(text, text)
+
+
+def _list(key: str, text: str) -> list[Any]:
+    """Return a list that is written as TOML, or as words with commas."""
+    if not text.startswith("["):
+        words = [word.strip() for word in text.split(",")]
+        return [int(word) if word.isdecimal() else word for word in words]
+    value = _toml(text, None)
+    if not isinstance(value, list):
+        # A shell takes the quotes of ["a", "b"] away.
+        words = [word.strip().strip("'\"") for word in text.strip("[]").split(",")]
+        if not text.endswith("]") or not all(words):
+            raise InputError(
+                f'{key}: {text} is not a list; write ["a", "b", "c"] or a,b,c', key=key
+            )
+        return [int(word) if word.isdecimal() else word for word in words]
+    return cast(list[Any], value)
+
+
+def _toml(text: str, otherwise: Any) -> Any:
+    try:
+        return parse_toml(f"value = {text}")["value"]
+    except InputError:
+        return otherwise
+
+
+def _types(key: str) -> tuple[Any, ...]:
+    """Return the types that a key takes.
+
+    Raises
+    ------
+    InputError
+        No run file has the key; the message names the nearest possible ones.
+    """
+    section, *rest = key.split(".")
+    models: list[Any] = [RunSchema]
+    place = section if section in ("bench", "data") else ""
+    if place:
+        models = [kind.section if place == "bench" else kind.data for kind in KINDS.values()]
+    else:
+        rest = [section, *rest]
+    types: tuple[Any, ...] = ()
+    for part in rest:
+        fields = {name: field for model in models for name, field in model.model_fields.items()}
+        if section == "data" and part in known_options() and part not in fields:
+            return (int, float, bool)
+        if part not in fields:
+            raise _unknown(key, place, part, tuple(fields))
+        types = _members(fields[part].annotation)
+        if any(get_origin(one) is dict for one in types):
+            return (str,)
+        models = [one for one in types if isinstance(one, type) and issubclass(one, BaseModel)]
+        place = f"{place}.{part}".lstrip(".")
+        if not models:
+            break
+    if models or key != place:
+        raise _unknown(key, place, key.removeprefix(f"{place}."), _fields(models))
+    return types
+
+
+def _fields(models: list[Any]) -> tuple[str, ...]:
+    return tuple(name for model in models for name in model.model_fields)
+
+
+def _unknown(key: str, place: str, part: str, possible: tuple[str, ...]) -> InputError:
+    near = get_close_matches(part, possible, n=3, cutoff=0.5)
+    head = f"{place}." if place else ""
+    hint = f"did you mean {' or '.join(head + one for one in near)}? " if near else ""
+    listed = f"possible: {', '.join(head + one for one in dict.fromkeys(possible))}"
+    return InputError(
+        f"--set {key}: a run file has no such key; {hint or listed}".strip(), key=key, names=(key,)
+    )
+
+
+def _members(annotation: Any) -> tuple[Any, ...]:
+    """Return the alternatives of a type but None."""
+    if get_origin(annotation) in (Union, UnionType):
+        return tuple(one for one in get_args(annotation) if one is not type(None))
+    return (annotation,)

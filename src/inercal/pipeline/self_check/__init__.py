@@ -1,0 +1,224 @@
+"""Known answers: each method on stored data, against the answers that a release gave.
+
+A laboratory validates software before it uses it, and after each change of program, libraries or
+machine (ISO/IEC 17025:2017, 7.11.2). The data of a case are a stored table of means, or a recording
+that is simulated from a stored run file and seed, whose truth is known. `answers.json` holds what
+each case gave when it was stored; `python -m tools.self_check_answers` writes it.
+"""
+
+import json
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.resources import as_file, files
+from pathlib import Path
+from shutil import copytree
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtrc  # pyright: ignore[reportMissingTypeStubs]
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InercalError, InputError
+from inercal.calibration import Calibration
+from inercal.calibration.comparison.recomputation import largest_change
+from inercal.pipeline import calibrate, simulate_files
+from inercal.recordings.io.write import write_recordings
+from inercal.runfile import read
+
+CASES = {
+    "six_position": "six_position",
+    "ferraris": "ferraris",
+    "multi_position": "multi_position",
+    "centrifuge_norm": "centrifuge_norm",
+    "tumble": "tumble",
+    "dual_orthogonal": "dual_orthogonal",
+    "rates_and_poses": "rates_and_poses",
+    "ship_planar": "ship_planar",
+    "ship_multi_angle": "ship_multi_angle",
+    "turntable_kalman": "turntable",
+    "turntable_discrete": "turntable",
+    "turntable_trajectory": "turntable",
+    "systematic": "systematic",
+    "temperature_ramp": "temperature_ramp",
+}
+"""The methods, and the run file of each one's data; its [method] is replaced by the name."""
+TOLERANCE = 0.01
+"""The largest difference from a stored answer, of a value and of u, in stored u."""
+LEAST_PROBABILITY = 1e-4
+"""Below this probability of χ², the errors against the truth of a simulation fail."""
+_SEED = 0
+_LIBRARIES = ("numpy", "scipy", "numba", "pydantic")
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """What one case gave.
+
+    Parameters
+    ----------
+    method : str
+    coefficients : int
+    deviation : float
+        Largest difference of a value or of its u from the stored answer, in stored u; NaN where
+        there is no result.
+    probability : float or None
+        Of a χ² of the errors against the truth at least as large; None for stored tables.
+    grade : str
+        That of the verdict.
+    seconds : float
+    reason : str
+        Why it failed; empty where it passed.
+    """
+
+    method: str
+    coefficients: int
+    deviation: float
+    probability: float | None
+    grade: str
+    seconds: float
+    reason: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether the case gave what it must."""
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class SelfCheck:
+    """All cases, with date, versions and machine."""
+
+    begun: str
+    versions: Mapping[str, str]
+    machine: Mapping[str, str]
+    stored_with: Mapping[str, str]
+    results: tuple[CaseResult, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether each case passed."""
+        return all(one.passed for one in self.results)
+
+    def as_object(self) -> dict[str, Any]:
+        """Return everything, for JSON."""
+        results = [asdict(one) | {"passed": one.passed} for one in self.results]
+        return {**asdict(self), "tolerance": TOLERANCE, "passed": self.passed, "results": results}
+
+
+def self_check(
+    methods: tuple[str, ...] = (), progress: Callable[[str], None] | None = None
+) -> SelfCheck:
+    """Run the cases of some methods, or of all.
+
+    Parameters
+    ----------
+    methods : tuple of str
+        Empty: all.
+    progress : callable or None
+        Called with the name of each method before its case.
+
+    Raises
+    ------
+    InputError
+        A method without a case.
+    """
+    for name in methods:
+        if name not in CASES:
+            raise InputError(
+                f"--method {name}: no case has this method; choose from {', '.join(CASES)}",
+                key="--method",
+                names=(name,),
+            )
+    answers = stored_answers()
+    begun = datetime.now(UTC).isoformat(timespec="seconds")
+    results: list[CaseResult] = []
+    with TemporaryDirectory() as name:
+        folder = copy_cases(Path(name) / "cases")
+        for method in methods or CASES:
+            if progress is not None:
+                progress(method)
+            results.append(_check(method, folder, answers["cases"][method]))
+    return SelfCheck(begun, versions(), machine(), answers["versions"], tuple(results))
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of inercal and of the libraries that compute."""
+    return {name: version(name) for name in ("inercal", *_LIBRARIES)}
+
+
+def machine() -> dict[str, str]:
+    """Return what computes: system, processor and Python."""
+    return {
+        "system": f"{platform.system()} {platform.release()}",
+        "processor": platform.machine(),
+        "python": platform.python_version(),
+    }
+
+
+def stored_answers() -> dict[str, Any]:
+    """Return the stored answers: versions, and values and u of each case."""
+    text = files("inercal.pipeline.self_check").joinpath("answers.json").read_text(encoding="utf-8")
+    return json.loads(text)
+
+
+def copy_cases(folder: Path) -> Path:
+    """Copy the stored run files and tables to a new folder, and return it."""
+    with as_file(files("inercal.pipeline.self_check").joinpath("cases")) as stored:
+        return Path(copytree(stored, folder))
+
+
+def compute(method: str, folder: Path) -> tuple[Calibration, str, Array | None]:
+    """Return a case's calibration, the grade of its verdict, and the truth of a simulation."""
+    path = folder / f"{CASES[method]}.toml"
+    text = path.read_text(encoding="utf-8")
+    own = folder / f"{method}.toml"
+    own.write_text(text.replace('name = "turntable_kalman"', f'name = "{method}"'), "utf-8")
+    run = read(own)
+    if run.truth and not run.file(run.data.file).exists():
+        made = simulate_files(run, _SEED)
+        write_recordings({run.file(name): one for name, one in made.items()})
+    outcome = calibrate(run)
+    calibration = outcome.calibration
+    names = calibration.sensor.coefficients
+    truth = np.array([run.truth.get(name, 0.0) for name in names]) if run.truth else None
+    return calibration, outcome.verdict.grade, truth
+
+
+def _check(method: str, folder: Path, answer: Mapping[str, Any]) -> CaseResult:
+    begin = time.perf_counter()
+    try:
+        calibration, grade, truth = compute(method, folder)
+    except InercalError as error:
+        seconds = time.perf_counter() - begin
+        return CaseResult(method, 0, np.nan, None, "", seconds, f"no result: {error}")
+    names = calibration.sensor.coefficients
+    stored = (np.array(answer[key]) for key in ("values", "u"))
+    deviation = largest_change(calibration, answer["names"], *stored)
+    probability = None if truth is None else _probability(calibration, truth)
+    reasons = list(_reasons(grade, deviation, probability, answer))
+    seconds = time.perf_counter() - begin
+    return CaseResult(
+        method, len(names), deviation, probability, grade, seconds, "; ".join(reasons)
+    )
+
+
+def _probability(calibration: Calibration, truth: Array) -> float:
+    error = calibration.values - truth
+    chi2 = float(error @ np.linalg.solve(calibration.covariance, error))
+    return float(chdtrc(error.size, chi2))
+
+
+def _reasons(
+    grade: str, deviation: float, probability: float | None, answer: Mapping[str, Any]
+) -> Iterator[str]:
+    if not deviation <= TOLERANCE:
+        yield f"differs from the stored answer by {deviation:.2g} u; {TOLERANCE} u is tolerated"
+    if grade != answer["grade"]:
+        yield f"the verdict is {grade!r}, the stored one {answer['grade']!r}"
+    if probability is not None and not probability >= LEAST_PROBABILITY:
+        yield f"disagrees with the truth of the simulation (p = {probability:.1g})"

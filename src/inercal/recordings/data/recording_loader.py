@@ -1,0 +1,323 @@
+"""[data] of a run file as arguments of its readers: columns, limits, deviations; the recording."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import is_file
+from inercal.basics.units import parse_quantity
+from inercal.physics.section_settings import si_value
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Recording, ahead_of_lag
+from inercal.recordings.data.data_section import DataSection, ReadbackColumn
+from inercal.recordings.data.source import Source
+from inercal.recordings.io.file_patterns import is_pattern
+from inercal.recordings.io.read import Columns, detect_reader, read_recording
+from inercal.recordings.io.section_files import read_sections
+
+READBACK = "readback"  # key in `DataSection.further_files` of the file with the bench's readback
+
+
+def load_recording(run: Source[DataSection]) -> Recording:
+    """Read and audit the run's recording.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or the audit refuses it.
+    """
+    require_distinct_columns(run)
+    path, limits = run.file(run.data.file), range_limits(run.sensor)
+    try:
+        columns = reader_columns(run)
+        if is_pattern(path):
+            _require_labels_of_files(run)
+            recording = read_sections(path, columns, limits)
+        else:
+            recording = read_recording(path, columns, limits, gyro_file(run))
+    except InputError as error:
+        if str(error).startswith("[data]"):  # an option of a reader, which knows no run file
+            raise error.located(run.path) from None
+        if (key := _key_of_column(run.data, error.names)) is not None:
+            raise error.located(f"{run.path}: {key}", key=key) from None
+        raise
+    recording = apply_axis_signs(run, recording)
+    environment = run.environment
+    # Where the estimator follows the rest, it has the lag as a parameter.
+    if environment is None or environment.lag is None or run.method.follows_rest:
+        return recording
+    return ahead_of_lag(recording, environment.lag.value)
+
+
+def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:
+    """Return the key of [data] that names a column; None where no key does."""
+    if len(names) != 1:
+        return None
+    for key in type(section).model_fields:
+        value: object = getattr(section, key)
+        given = cast("tuple[object, ...]", value) if isinstance(value, tuple) else (value,)
+        if names[0] in {unsigned_column(one) for one in given if isinstance(one, str | int)}:
+            return f"[data] {key}"
+    return None
+
+
+def _require_labels_of_files(run: Source[DataSection]) -> None:
+    """Refuse a file of marks where each section has a file."""
+    if run.data.marks not in ("labels", "found"):
+        raise InputError(
+            f'{run.path}: [data] marks: each section has a file of its own: state marks = "labels"',
+            file=run.path,
+            key="[data] marks",
+        )
+
+
+def require_not_refused(source: str, finding: Finding | None) -> tuple[Finding, ...]:
+    """Return a finding, if any, as a tuple.
+
+    Raises
+    ------
+    InputError
+        The finding refuses the data.
+    """
+    if finding is None:
+        return ()
+    if finding.severity == "refused":
+        raise InputError(f"{source}: {finding.message}", file=source)
+    return (finding,)
+
+
+def unsigned_column(column: str | int) -> str:
+    """Return a column's name or number without the sign that reverses it."""
+    return str(column).removeprefix("-")
+
+
+def reversed_axes(run: Source[DataSection]) -> frozenset[str]:
+    """Return the sensor's axes whose columns are stated with a leading "-"."""
+    given = {"f": run.data.accelerometer, "w": run.data.gyro}
+    return frozenset(
+        axis.name
+        for kind, columns in given.items()
+        for axis, column in zip(
+            (axis for axis in run.sensor.axes if axis.measures == kind), columns, strict=False
+        )
+        if str(column).startswith("-")
+    )
+
+
+def apply_axis_signs(run: Source[DataSection], recording: Recording) -> Recording:
+    """Return the recording with the axes that the run file reverses mirrored about their zeros."""
+    back = reversed_axes(run)
+    if not back:
+        return recording
+    data = recording.data.copy()
+    for axis in run.sensor.axes:
+        if axis.name in back:
+            k = recording.channels.index(axis.name)
+            data[..., k] = 2 * axis.readout.offset - data[..., k]
+    return replace(recording, data=data)
+
+
+def gyro_file(run: Source[DataSection]) -> Path | None:
+    """Return the file of the gyros that is read by itself; None where there is none.
+
+    With a column of times of their own this may be the file of the accelerometers.
+    """
+    data = run.data
+    name = data.gyro_file or (None if data.gyro_time is None else data.file)
+    return None if name is None or not run.sensor.select_axes("w").axes else run.file(name)
+
+
+def range_limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
+    """Return the ends of each axis's range in output units, where its full scale is stated."""
+    return {
+        axis.name: (axis.readout.offset - reach, axis.readout.offset + reach)
+        for axis in sensor.axes
+        if (reach := axis.readout.full_scale) is not None
+    }
+
+
+def reader_columns(run: Source[DataSection]) -> Columns:
+    """Return what each column of the run's data holds."""
+    data = run.data
+    names = {"f": data.accelerometer, "w": data.gyro}
+    channels: dict[str, tuple[tuple[str, str, str], ...]] = {}
+    for kind, given in names.items():
+        axes = [axis for axis in run.sensor.axes if axis.measures == kind]
+        channels[kind] = tuple(
+            (axis.name, unsigned_column(column), axis.readout.unit)
+            for axis, column in zip(axes, given, strict=False)
+        )
+    apart = gyro_file(run) is not None
+    label = data.row
+    return Columns(
+        channels=channels["f"] if apart else channels["f"] + channels["w"],
+        second=channels["w"] if apart else (),
+        time=None if data.time is None or data.kind == "means" else str(data.time),
+        time_unit=data.time_unit if "time_unit" in data.model_fields_set else None,
+        rate_hz=_column_rate(run),
+        label=None if label is None else str(label),
+        temperature=None if data.temperature is None else str(data.temperature),
+        thermometer=data.thermometer,
+        readback=() if READBACK in data.further_files() else readback_fields(run),
+        nonfinite=data.nonfinite,
+        modulus=data.counter_modulus,
+        second_time=None if data.gyro_time is None or not apart else str(data.gyro_time),
+        options=_data_file_options(run),
+    )
+
+
+def _data_file_options(run: Source[DataSection]) -> dict[str, object]:
+    """Return the options of readers, without those that only the file of the readback uses."""
+    table = run.data.further_files().get(READBACK)
+    of_readback = {} if table is None else file_reader_options(run, table)
+    names = [name for name in (run.data.file, run.data.gyro_file) if name is not None]
+    of_data = [key for name in names for key in file_reader_options(run, name)]
+    return {
+        key: value
+        for key, value in run.reader_options.items()
+        if key in of_data or key not in of_readback
+    }
+
+
+def file_reader_options(run: Source[DataSection], name: str) -> dict[str, object]:
+    """Return the options that the reader of a file knows; none where the file does not exist."""
+    if not run.reader_options or not is_file(run.file(name)):
+        return {}
+    known = detect_reader(run.file(name)).keys
+    return {key: value for key, value in run.reader_options.items() if key in known}
+
+
+def readbacks(run: Source[DataSection]) -> tuple[ReadbackColumn, ...]:
+    """Return the columns of quantities that the bench measures.
+
+    Raises
+    ------
+    InputError
+        A unit of another quantity.
+    """
+    try:
+        return run.data.readback(run.bench)
+    except InputError as error:
+        raise error.located(run.path) from None
+
+
+def readback_fields(run: Source[DataSection]) -> tuple[tuple[str, str, str], ...]:
+    """Return name, column and unit of what the bench measures.
+
+    The unit is "1": values stay in the units of their columns; `readback_units` converts to SI.
+    """
+    return tuple((one.name, one.column, "1") for one in readbacks(run))
+
+
+def readback_columns(run: Source[DataSection]) -> dict[str, str]:
+    """Return the columns of rates, angles and levels that the bench measures, by name."""
+    return {one.name: one.column for one in readbacks(run)}
+
+
+def readback_units(run: Source[DataSection]) -> dict[str, float]:
+    """Return the SI size of the unit of each of these columns, negative for a reversed column.
+
+    Raises
+    ------
+    InputError
+        A unit that is not an angular rate or an angle.
+    """
+    return {one.name: one.size for one in readbacks(run)}
+
+
+def require_distinct_columns(run: Source[DataSection], *further: str) -> None:
+    """Refuse a column stated for two quantities; `further` are columns besides the readback.
+
+    Raises
+    ------
+    InputError
+        The message names the column.
+    """
+    kinds = {axis.measures for axis in run.sensor.axes}
+    data, readback = run.data, list(readback_columns(run).values())
+    used = [unsigned_column(column) for column in data.accelerometer]
+    if data.kind == "recording":
+        single = (data.time, data.row, data.temperature)
+        used += [str(column) for column in single if column is not None]
+    if "w" in kinds and data.gyro_file is None:
+        used += [unsigned_column(column) for column in data.gyro]
+    separate = READBACK in data.further_files()
+    files = (used, [*further, *readback]) if separate else (used + readback,)
+    twice = [column for columns in files for column, count in Counter(columns).items() if count > 1]
+    if twice:
+        raise InputError(
+            f"{run.path}: [data] names column {twice[0]!r} for two quantities; name a different "
+            "column for each",
+            file=run.path,
+            key="[data]",
+            names=(twice[0],),
+        )
+
+
+def position_name(value: object) -> str:
+    """Return the name of a position; a whole number without decimals."""
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value).strip()
+
+
+def number_repeated_names(names: Sequence[str]) -> list[str]:
+    """Return a distinct name for each row: the second "x_p" becomes "x_p (2)"."""
+    count: Counter[str] = Counter()
+    distinct: list[str] = []
+    for name in names:
+        count[name] += 1
+        distinct.append(name if count[name] == 1 else f"{name} ({count[name]})")
+    return distinct
+
+
+def _column_rate(run: Source[DataSection]) -> float | None:
+    """Return the rate of the samples; None where a column of times replaces it."""
+    if run.data.kind == "means":
+        return 1.0  # the rows have an order; nothing depends on their times
+    stamped = run.data.time is not None and run.data.time_unit != "sample"
+    if run.rate_hz is None and not stamped:
+        raise InputError(
+            f'{run.path}: [data] rate is missing: state the rate, such as rate = "100 Hz", or name '
+            'the column of times in time; for a table of means state kind = "means"',
+            file=run.path,
+            key="[data] rate",
+        )
+    return None if stamped else run.rate_hz
+
+
+def stated_deviations(run: Source[DataSection]) -> dict[str, float]:
+    """Return the standard deviations of means that the run file states, SI, by measured quantity.
+
+    Raises
+    ------
+    InputError
+        A value that is not positive, or whose unit is neither that of the quantity nor that of the
+        output.
+    """
+    likes = {"accelerometer": ("f", "m/s²"), "gyro": ("w", "rad/s")}
+    deviations: dict[str, float] = {}
+    for name, text in run.data.sd.items():
+        measures, like = likes[name]
+        key = f"[data.sd] {name}"
+        where = f"{run.path}: {key}"
+        readouts = [axis.readout for axis in run.sensor.axes if axis.measures == measures]
+        if not readouts:
+            raise InputError(
+                f"{where}: the sensor has no {name}; add [sensor.{name}], or remove the key",
+                file=run.path,
+                key=key,
+            )
+        try:
+            deviations[measures] = parse_quantity(text, like).value
+        except InputError as error:
+            # The deviation of an output in V or LSB may be stated in the unit of the file.
+            if not readouts or readouts[0].unit not in ("V", "LSB"):
+                raise error.located(where, file=run.path, key=key) from None
+            deviations[measures] = si_value(text, readouts[0].unit, where) / abs(readouts[0].scale)
+        if deviations[measures] <= 0:
+            raise InputError(f"{where}: {text!r} must be positive", file=run.path, key=key)
+    return deviations

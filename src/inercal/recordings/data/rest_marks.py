@@ -1,0 +1,186 @@
+"""Rests of a recording: marked by labels or in a file, or detected, and which may be used."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_small_file
+from inercal.recordings import Finding, Mark, Recording
+from inercal.recordings.data.data_section import DataSection, RestsSection
+from inercal.recordings.data.source import Source
+from inercal.recordings.io.read import read_table
+from inercal.recordings.segments import (
+    RestDetection,
+    check_marks,
+    find_rests,
+    find_thresholds,
+    marks_from_labels,
+    require_still,
+)
+from inercal.recordings.segments.motion_thresholds import WINDOW
+
+
+def check_marked_rests(
+    run: Source[DataSection], recording: Recording, marks: Sequence[Mark]
+) -> tuple[Finding, ...]:
+    """Refuse marked rests that move; return warnings of those that the run file accepts.
+
+    Raises
+    ------
+    InputError
+        See `inercal.recordings.segments.stillness.require_still`.
+    """
+    return require_still(recording, run.sensor, marks, run.data.moving_sections)
+
+
+def check_rests(
+    run: Source[RestsSection], recording: Recording, marks: Sequence[Mark]
+) -> tuple[Finding, ...]:
+    """Return the findings of `check_marked_rests`, or none where rests are detected.
+
+    Raises
+    ------
+    InputError
+        As `check_marked_rests`, or the run file accepts moving rests but does not mark rests.
+    """
+    if run.data.marks != "found":
+        return check_marked_rests(run, recording, marks)
+    if run.data.accept_moving is not None:
+        raise InputError(
+            f"{run.path}: [data] accept_moving is for marks that you give: detected rests do not "
+            "move; remove accept_moving",
+            file=run.path,
+            key="[data] accept_moving",
+        )
+    return ()
+
+
+def stated_marks(
+    run: Source[DataSection], recording: Recording, *, again: bool = False
+) -> tuple[Mark, ...]:
+    """Return the marked sections, from the labels of the recording or from the file of marks.
+
+    Parameters
+    ----------
+    run : Source
+    recording : Recording
+    again : bool
+        Whether a label may mark several sections.
+    """
+    if run.data.marks == "labels":
+        return marks_from_labels(recording, again=again)
+    return marks_after_audit(marks_from_file(run.file(run.data.marks)), recording)
+
+
+def rests_without_plan(run: Source[DataSection], recording: Recording) -> RestDetection:
+    """Return the rests detected without a plan, or the marked sections."""
+    if run.data.marks == "found":
+        try:
+            return find_rests(recording, run.sensor)
+        except InputError as error:
+            marks, text = (), str(error)
+    else:
+        marks = stated_marks(run, recording)
+        if run.data.marks != "labels":
+            check_marks(marks, recording, [mark.label for mark in marks])
+        text = f"{len(marks)} sections are marked"
+    levels = find_thresholds(recording, run.sensor)
+    return RestDetection(marks, levels, WINDOW, Finding("note", "rests", text))
+
+
+def marks_from_file(path: Path) -> tuple[Mark, ...]:
+    """Read marks from JSON, {"x_p": {"start": 540, "end": 1271}}, or a table label, start, end.
+
+    Raises
+    ------
+    InputError
+        The file is neither, or an entry is not a pair of sample numbers.
+    """
+    if path.suffix.lower() == ".json":
+        entries: Any
+        try:
+            raw = read_small_file(path, "file of marks")
+            entries = json.loads(raw.decode("utf-8"), object_pairs_hook=_unique_keys)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: not a JSON file of marks: {error}", file=path) from None
+        if not isinstance(entries, dict):
+            raise InputError(
+                f'{path}: marks must be an object such as {{"x_p": {{"start": 540, "end": 1271}}}}',
+                file=path,
+            )
+        labelled = cast(dict[str, object], entries)
+        return tuple(_mark(path, label, entry) for label, entry in labelled.items())
+    table = read_table(path, text=("label",))
+    missing = [name for name in ("label", "start", "end") if name not in table.columns]
+    if missing:
+        raise InputError(
+            f"{path}: column {missing[0]!r} is missing; the columns of a table of marks are label, "
+            "start, end (sample numbers, the end not included)",
+            file=path,
+            names=tuple(missing),
+        )
+    rows = zip(*(table.columns[name] for name in ("label", "start", "end")), strict=True)
+    return tuple(_mark(path, str(a), {"start": b, "end": c}) for a, b, c in rows)
+
+
+def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """Return the object; refuse a name that comes twice, which JSON allows."""
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{name!r} comes twice; give each mark its own name")
+    return dict(pairs)
+
+
+def _number(given: Any) -> float:
+    if isinstance(given, bool):
+        raise TypeError(given)
+    return float(given)
+
+
+def _mark(path: Path, label: str, entry: object) -> Mark:
+    try:
+        start, end = (_number(entry[key]) for key in ("start", "end"))  # type: ignore[index]
+    except (TypeError, KeyError, ValueError):
+        raise InputError(
+            f"{path}: mark {label!r} lacks numbers 'start' and 'end'; add them",
+            file=path,
+            names=(label,),
+        ) from None
+    if not (start.is_integer() and end.is_integer()):
+        raise InputError(
+            f"{path}: mark {label!r}: start and end must be whole sample numbers, not {start:g} "
+            f"and {end:g}",
+            file=path,
+            names=(label,),
+        )
+    return Mark(label, int(start), int(end))
+
+
+def marks_after_audit(marks: tuple[Mark, ...], recording: Recording) -> tuple[Mark, ...]:
+    """Return marks in samples of the file as marks in samples of the audited recording.
+
+    Raises
+    ------
+    InputError
+        The audit has sorted the samples: ranges of samples in the file are then no ranges.
+    """
+    original = recording.original
+    if original is None:
+        return marks
+    if (np.diff(original) <= 0).any():
+        raise InputError(
+            f"{recording.source}: the samples were sorted by time, so sample numbers in a file of "
+            'marks no longer fit; use a label column and [data] marks = "labels"',
+            file=recording.source,
+            key="[data] marks",
+        )
+    limits = np.array([(mark.start, mark.stop) for mark in marks])
+    # The numbers continue beyond both ends, so a mark outside the file stays outside.
+    beyond = np.maximum(limits - (int(original[-1]) + 1), 0) + np.minimum(limits, 0)
+    moved = (np.searchsorted(original, limits) + beyond).tolist()
+    return tuple(Mark(m.label, a, b) for m, (a, b) in zip(marks, moved, strict=True))

@@ -1,0 +1,281 @@
+"""A table as a file holds it: named columns, without any knowledge of a sensor."""
+
+import hashlib
+import os
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.line_numbers import LineBreaks, line_of_row
+
+Column = Array | NDArray[np.int64] | NDArray[np.str_]
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_MAX_LISTED_NAMES = 12  # names in a message before it ends in "…"
+MOST_COLUMNS = 1000  # more is a transposed table, or junk that happens to parse
+LONGEST_LABEL = 200  # characters; a text column holds one word per sample, not prose
+TOO_LARGE = 1e100  # no reading in any unit: squares and sums of them overflow
+_LARGEST_INT64 = np.iinfo(np.int64).max
+BLOCK_ROWS = 1 << 16  # rows handled at a time: a few MB
+
+
+@dataclass(frozen=True)
+class ReadRequest:
+    """What to read of a file.
+
+    Parameters
+    ----------
+    names : collection of str or None
+        Columns to read; None for all.
+    text : collection of str
+        Columns to return as text even where they look like numbers (labels 1, 2, 3).
+    block_columns : tuple of str
+        Columns of numbers, all in `names`, to store side by side in `Table.block`.
+    spare_columns : int
+        Further columns of the block, which the caller fills.
+    whole : collection of str
+        Columns to return as int64 where the file holds whole numbers: stamps since 1970 in ns have
+        more digits than float64.
+    """
+
+    names: Collection[str] | None = None
+    text: Collection[str] = ()
+    block_columns: tuple[str, ...] = ()
+    spare_columns: int = 0
+    whole: Collection[str] = ()
+
+    def empty_columns(self, n: int, numbers: Collection[str]) -> tuple[dict[str, Array], Array]:
+        """Return empty columns of numbers, each (n,), and the block, (n, k)."""
+        block = np.empty((n, len(self.block_columns) + self.spare_columns))
+        columns: dict[str, Array] = {}
+        for name in numbers:
+            within = name in self.block_columns
+            columns[name] = block[:, self.block_columns.index(name)] if within else np.empty(n)
+        return columns, block
+
+    def number_column(self, name: str, values: NDArray[Any]) -> Array | NDArray[np.int64]:
+        """Return numbers, (n,), as float64, or as int64 where whole numbers are to stay whole.
+
+        >>> ReadRequest(whole=("t",)).number_column("t", np.array([3, 4], np.uint16))
+        array([3, 4])
+        """
+        kind = values.dtype.kind if name in self.whole else "f"
+        if kind == "i" or (kind == "u" and not (values > _LARGEST_INT64).any()):
+            return np.ascontiguousarray(values, dtype=np.int64)
+        return np.ascontiguousarray(values, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of one file.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Every column of the file; "1", "2", ... where it has no header.
+    columns : dict of str to (n,) array
+        The requested columns; float64 or str, and int64 where the request says so.
+    source, sha256 : str
+        The file and the hash of its bytes.
+    first_line : int
+        Line of row 0; 0 where a row may take several lines, or none.
+    line_breaks : tuple of (row, line)
+        Where first_line is 0: rows that do not follow the line of the row before, row 0 included;
+        empty where lines are not known.
+    header : bool
+        Whether the file names its columns.
+    block : (n, k) array or None
+        The block columns and the spare columns of the request; `columns` are views of it.
+    kept_corrections : str
+        Corrections by another program that the block columns hold, in words; empty where none are
+        known.
+    devices : str
+        Which sensors the block columns are of, with the numbers that their controller gave them;
+        empty where it is not known.
+    simulation : str
+        What made a simulated recording; empty where the file does not say so.
+    time_zero : Fraction or None
+        Time 0 of the column of times by the clock of a log of messages, ns; None in other files,
+        whose columns hold what the clock showed.
+    """
+
+    names: tuple[str, ...]
+    columns: dict[str, Column]
+    source: str
+    sha256: str
+    first_line: int
+    header: bool
+    block: Array | None = None
+    kept_corrections: str = ""
+    line_breaks: LineBreaks = ()
+    devices: str = ""
+    time_zero: Fraction | None = None
+    simulation: str = ""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes; columns that are views of the block by their places in it."""
+        block = self.block
+        columns = {
+            name: column
+            if block is None or column.base is not block
+            else (column.ctypes.data - block.ctypes.data) // block.itemsize
+            for name, column in self.columns.items()
+        }
+        return vars(self) | {"columns": columns}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Set the attributes of a table that was pickled."""
+        vars(self).update(state)
+        for name, column in self.columns.items():
+            if isinstance(column, int) and self.block is not None:
+                self.columns[name] = self.block[:, column]
+
+    def line(self, row: int) -> int | None:
+        """Return the line of a row, counted from 0; None where it is not known."""
+        return line_of_row(row, self.first_line, self.line_breaks)
+
+    def place(self, row: int) -> str:
+        """Return the place of a row in words: its line if known, else its number from 1."""
+        line = self.line(row)
+        return f"row {row + 1}" if line is None else f"line {line}"
+
+    def numbers(self, name: str) -> Array:
+        """Return a column of numbers, (n,).
+
+        Raises
+        ------
+        InputError
+            The column holds text.
+        """
+        return self.stamps(name).astype(np.float64, copy=False)
+
+    def stamps(self, name: str) -> Array | NDArray[np.int64]:
+        """Return a column of numbers, (n,); whole numbers stay integers.
+
+        Raises
+        ------
+        InputError
+            The column holds text.
+        """
+        column = self.columns[name]
+        if column.dtype.kind == "U":
+            comma = _DECIMAL_COMMA.fullmatch(str(column[0])) is not None
+            advice = "write decimal points" if comma else "name another column, or correct the file"
+            raise InputError(
+                f"{self.source}: column {name!r} holds text ({shorten(str(column[0]))}) "
+                f"where numbers are needed; {advice}",
+                file=self.source,
+                names=(name,),
+            )
+        return cast("Array | NDArray[np.int64]", column)
+
+
+def row_blocks(n: int, rows: int = BLOCK_ROWS) -> Iterator[slice]:
+    """Return slices that make up n rows.
+
+    >>> [(k.start, k.stop) for k in row_blocks(5, 2)]
+    [(0, 2), (2, 4), (4, 5)]
+    """
+    return (slice(k, min(k + rows, n)) for k in range(0, n, rows))
+
+
+def refuse_unequal_lengths(lengths: Mapping[str, int], source: str) -> None:
+    """Raise InputError where columns differ in length."""
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        raise InputError(
+            f"{source} has columns of unequal length: {shorten(listed, 120)}; write columns of "
+            "one length",
+            names=tuple(lengths),
+        )
+
+
+def select_columns(names: Sequence[str], wanted: Collection[str] | None, source: str) -> list[str]:
+    """Return the wanted columns, all of them for None.
+
+    Raises
+    ------
+    InputError
+        Too many columns, two of one name, or a wanted column that the file lacks.
+    """
+    refuse_too_many_columns(len(names), source)
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise InputError(
+                f"{source} has {count} columns {shorten(name)!r}: rename all but one", names=(name,)
+            )
+    if wanted is None:
+        return list(names)
+    for name in wanted:
+        if name not in names:
+            raise InputError(
+                f"{source} has no column {name!r}; {_suggest(name, names)}", names=(name,)
+            )
+    return list(dict.fromkeys(wanted))
+
+
+def refuse_too_many_columns(columns: int, source: str) -> None:
+    """Raise InputError for more columns than any recording has."""
+    if columns > MOST_COLUMNS:
+        raise InputError(
+            f"{source} has {columns} columns, and at most {MOST_COLUMNS} are read: write each "
+            "sample as a row"
+        )
+
+
+def _suggest(name: str, names: Sequence[str]) -> str:
+    """Return a text that lists the columns, and those with a similar name first."""
+    by_lower = {known.lower(): known for known in names}
+    near = [by_lower[k] for k in get_close_matches(name.lower(), list(by_lower), n=3)]
+    hint = f"did you mean {' or '.join(repr(k) for k in near)}? " if near else ""
+    listed = ", ".join(shorten(known) for known in names[:_MAX_LISTED_NAMES])
+    it = "It" if hint else "it"
+    return f"{hint}{it} has {listed}" + (
+        f", … ({len(names)} in all)" if names[_MAX_LISTED_NAMES:] else ""
+    )
+
+
+def shorten(text: str, length: int = 40) -> str:
+    """Return text fit for one line of a message."""
+    text = " ".join("".join(c if c.isprintable() else " " for c in text[: length + 1]).split())
+    return text if len(text) <= length else text[: length - 1] + "…"
+
+
+def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.str_]:
+    """Return a text column, (n,) of str.
+
+    Raises
+    ------
+    InputError
+        An entry too long for a label: NumPy gives every row the width of the longest.
+    """
+    longest = max(values, key=len, default="")
+    if len(longest) > LONGEST_LABEL:
+        raise InputError(
+            f"{source}: column {column!r} has a text of {len(longest)} characters "
+            f"({shorten(longest)}), and a label may have {LONGEST_LABEL}; name another column",
+            names=(column,),
+        )
+    return np.array(values, dtype=np.str_)
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def open_error(path: str | os.PathLike[str], error: OSError) -> InputError:
+    """Return the error of a file that cannot be opened or read."""
+    return InputError(
+        f"{path} cannot be read: {error.strerror or error}", file=Path(os.fspath(path))
+    )

@@ -1,0 +1,245 @@
+"""DataFlash logs (.BIN) of ArduPilot, by a reader of our own.
+
+A column is "topic.field": "IMU.AccX", of another instance "IMU[1].AccX" (field `I` of the message),
+in old logs "IMU2.AccX". Readings in IMU, ACC and GYR are corrected for offset, scale factor and the
+mounting of the board: this is undone by the log's own parameters.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.recordings.io.column_table import ReadRequest, Table
+from inercal.recordings.io.dataflash_messages import HEAD, LoggedType, read_messages
+from inercal.recordings.io.isolation import Isolation
+from inercal.recordings.io.logged_corrections import (
+    COPY_AGAIN,
+    CORRECTIONS_OPTION,
+    Correction,
+    keeps_corrections,
+    rotation_matrix,
+    stated_parameters,
+)
+from inercal.recordings.io.message_columns import (
+    Messages,
+    channel_columns,
+    require_messages,
+    table_from_messages,
+    wanted_topics,
+)
+from inercal.recordings.io.readers import Reader
+
+_FIRST = re.compile(r"IMU|(ACC|GYR)1?|(IMU|ACC|GYR)\[0\]")  # of several sensors
+_INERTIAL = re.compile(r"(IMU|ACC|GYR)(\d?)(?:\[(\d+)\])?")
+_BOARD = "AHRS_ORIENTATION"
+_TIMES = (("SampleUS", 1000), ("TimeUS", 1000), ("TimeMS", 1_000_000))  # field, ns
+
+Changes = Mapping[str, Sequence[tuple[int, float]]]
+"""By parameter: times, ns, and values, in the order of the log."""
+
+
+def read_dataflash(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Table:
+    """Read messages of a DataFlash log.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : ReadRequest
+    corrections : "undo" or "keep"
+        Whether corrected readings are turned back to what the sensors read.
+
+    Raises
+    ------
+    InputError
+        A damaged log, a topic that it lacks, or corrections that cannot be undone.
+    OSError
+        The file cannot be read.
+    """
+    keep = keeps_corrections(corrections, path.name)
+    asked = None if wanted.names is None else {_type_name(name) for name in wanted.names}
+
+    def of_interest(name: str) -> bool:
+        return name == "PARM" or (
+            bool(_INERTIAL.fullmatch(name)) if asked is None else name in asked
+        )
+
+    types = read_messages(path, of_interest)
+    topics = {one.topic: one for made in types.values() for one in _by_instance(path.name, made)}
+    known = dict.fromkeys([*topics, *(name for name in types if not types[name].raw)])
+    first = [topic for topic in topics if _FIRST.fullmatch(topic)]
+    used = wanted_topics(wanted, list(known), first or list(topics), path.name)
+    require_messages(used, topics, path.name)
+    changes = _parameters(types.get("PARM"))
+    stated: list[str] = []
+    devices: dict[str, int] = {}
+    messages: list[Messages] = []
+    for topic in used:
+        changed, words = _uncorrected(path.name, topics[topic], changes, wanted, keep)
+        stated += words
+        devices |= _devices(topics[topic], changes, wanted)
+        messages.append(Messages(topic, topics[topic].time, dict(topics[topic].fields) | changed))
+    return table_from_messages(path, messages, wanted, stated, devices)
+
+
+def _type_name(column: str) -> str:
+    return column.partition(".")[0].partition("[")[0]
+
+
+def _by_instance(source: str, made: LoggedType) -> Iterator[Messages]:
+    """Yield the messages of a type by instance; none where the log has none of them."""
+    if not made.raw or made.name == "PARM":
+        return
+    fields = made.numbers()
+    stamp = next(((name, ns) for name, ns in _TIMES if name in fields), None)
+    if stamp is None:
+        raise InputError(
+            f"{source}: messages {made.name} have no time (TimeUS); name another topic",
+            names=(made.name,),
+        )
+    time = fields[stamp[0]].astype(np.int64) * stamp[1]
+    if "I" not in fields:
+        yield Messages(made.name, time, fields)
+        return
+    for k in np.unique(fields["I"]).tolist():
+        rows: NDArray[np.bool_] = fields["I"] == k
+        some: dict[str, Any] = {name: values[rows] for name, values in fields.items()}
+        yield Messages(f"{made.name}[{k}]" if k else made.name, time[rows], some)
+
+
+def _parameters(made: LoggedType | None) -> Changes:
+    """Return the values of each parameter."""
+    changes: dict[str, list[tuple[int, float]]] = {}
+    if made is None or not {"Name", "Value"} <= set(made.fields):
+        return changes
+    records = made.records
+    times = records["TimeUS"] if "TimeUS" in made.fields else np.zeros(records.size, int)
+    for name, value, time in zip(records["Name"], records["Value"], times, strict=True):
+        of = changes.setdefault(name.decode("latin-1"), [])
+        if not of or of[-1][1] != float(value):
+            of.append((int(time) * 1000, float(value)))
+    return changes
+
+
+def _sensors(messages: Messages, wanted: ReadRequest) -> Iterator[tuple[str, int, tuple[str, ...]]]:
+    """Yield the sensors of a topic that are wanted: their word, instance and fields."""
+    match = _INERTIAL.fullmatch(messages.topic)
+    if match is None:
+        return
+    _, number, bracket = match.groups()
+    # IMU and ACC1 are instance 0, IMU2 and ACC2 instance 1.
+    instance = int(bracket) if bracket else int(number or 1) - 1
+    channels = channel_columns(wanted, messages)
+    for sensor, fields in (("ACC", ("AccX", "AccY", "AccZ")), ("GYR", ("GyrX", "GyrY", "GyrZ"))):
+        if channels & {f"{messages.topic}.{field}" for field in fields}:
+            yield sensor, instance, fields
+
+
+def _devices(messages: Messages, changes: Changes, wanted: ReadRequest) -> dict[str, int]:
+    """Return the devices of a topic by the parameter that states them."""
+    names = [f"{_prefix(sensor, k)}_ID" for sensor, k, _ in _sensors(messages, wanted)]
+    return {name: int(changes[name][-1][1]) for name in names if name in changes}
+
+
+def _uncorrected(
+    source: str, messages: Messages, changes: Changes, wanted: ReadRequest, keep: bool
+) -> tuple[dict[str, Array], list[str]]:
+    """Return the fields of a topic before their corrections, and what corrections are kept."""
+    changed: dict[str, Array] = {}
+    words: list[str] = []
+    for sensor, instance, fields in _sensors(messages, wanted):
+        if keep:
+            words.append(f"{messages.topic}: {_stated(changes, sensor, instance)}")
+            continue
+        correction = _correction(source, changes, sensor, instance, int(messages.time[0]))
+        readings = np.stack([messages.fields[field] for field in fields], -1).astype(float)
+        changed |= zip(fields, correction.undo(readings).T, strict=True)
+    return changed, words
+
+
+def _correction(
+    source: str, changes: Changes, sensor: str, instance: int, start: int
+) -> Correction:
+    """Return what ArduPilot did to the readings of an instance, by the parameters of the log."""
+
+    def value(name: str, default: float | None = None) -> float:
+        if name not in changes and default is not None:
+            return default
+        return _in_force(source, changes, name, start)
+
+    thermal = f"INS_TCAL{instance + 1}_ENABLE"
+    if value(thermal, 0.0) == 1:
+        raise InputError(
+            f"{source}: {thermal} is 1: ArduPilot compensated for temperature, which is not undone "
+            'here: switch it off and log again, or state corrections = "keep"',
+            key="[data] corrections",
+            names=(thermal,),
+        )
+    before = _prefix(sensor, instance)
+    offset = np.array([value(f"{before}OFFS_{axis}") for axis in "XYZ"])
+    scale = np.ones(3)
+    if sensor == "ACC":
+        scale = np.array([value(f"{before}SCAL_{axis}") for axis in "XYZ"])
+    if not scale.all():
+        raise InputError(
+            f"{source}: {before}SCAL is 0: the accelerometers were not calibrated in ArduPilot; "
+            'calibrate them there once and log again, or state corrections = "keep"',
+            key="[data] corrections",
+            names=(f"{before}SCAL",),
+        )
+    rotation = rotation_matrix(value(_BOARD, 0.0), _BOARD, source)
+    return Correction(offset, scale, rotation)
+
+
+def _prefix(sensor: str, instance: int) -> str:
+    """Return the begin of a parameter's name: of INS_GYROFFS_X, INS_GYR2OFFS_X, INS4_GYROFFS_X."""
+    if instance == 0:
+        return f"INS_{sensor}"
+    return f"INS_{sensor}{instance + 1}" if instance < 3 else f"INS{instance + 1}_{sensor}"
+
+
+def _stated(changes: Changes, sensor: str, instance: int) -> str:
+    """Return the parameters by which the readings were corrected, in words."""
+    prefix = _prefix(sensor, instance)
+    own = (f"{prefix}OFFS", f"{prefix}SCAL", f"INS_TCAL{instance + 1}_", _BOARD)
+    return stated_parameters({n: v[-1][1] for n, v in changes.items() if n.startswith(own)})
+
+
+def _in_force(source: str, changes: Changes, name: str, start: int) -> float:
+    """Return the value of a parameter from the first sample on.
+
+    Raises
+    ------
+    InputError
+        The log lacks the parameter, or it changes later: when that took effect is not recorded.
+    """
+    if name not in changes:
+        raise InputError(
+            f"{source} has no parameter {name}, by which the readings were corrected: log the "
+            'parameters too, or state corrections = "keep"',
+            key="[data] corrections",
+            names=(name,),
+        )
+    values = changes[name]
+    time, last = values[-1]
+    if len(values) > 1 and time > start:
+        raise InputError(
+            f"{source}: {name} changes to {last:g} at {1e-9 * time:.6g} s, within the readings: "
+            "log again without a calibration in between",
+            names=(name,),
+        )
+    return last
+
+
+READER = Reader(
+    "dataflash",
+    read_dataflash,
+    content=((0, HEAD),),
+    options=(CORRECTIONS_OPTION,),
+    isolation=Isolation("a DataFlash log", COPY_AGAIN),
+)

@@ -1,0 +1,171 @@
+"""Recordings from tables in memory: pandas, polars, Arrow, structured arrays, columns by name."""
+
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.errors import InputError
+from inercal.recordings import Recording
+from inercal.recordings.io.audit import audit, require_accepted
+from inercal.recordings.io.column_table import (
+    Column,
+    ReadRequest,
+    Table,
+    label_array,
+    refuse_unequal_lengths,
+    select_columns,
+)
+from inercal.recordings.io.table_recording import Columns, read_request, recording_from_table
+
+
+def recording_from_frame(
+    frame: Any,
+    columns: Columns,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    name: str = "frame",
+) -> Recording:
+    """Return a table in memory as an audited recording; the table is not changed.
+
+    Parameters
+    ----------
+    frame : table
+        A pandas or polars DataFrame, an Arrow table or record batch, a structured array, or a
+        mapping of names to columns (n,). The named index of a pandas DataFrame is a column too.
+        Dates are times; missing numbers are NaN.
+    columns : Columns
+        What each column holds, in one table: `second` is empty.
+    limits : mapping of channel to (lowest, highest), optional
+        See `inercal.recordings.io.audit.audit`.
+    name : str
+        What messages and the calibration call the table.
+
+    Raises
+    ------
+    InputError
+        A column that is missing or holds no numbers, or the audit refuses the recording.
+    """
+    if columns.second or columns.options:
+        raise InputError(
+            f"{name}: a table in memory has no second file and no options of a reader: join the "
+            "tables, and remove the options",
+            key="columns",
+        )
+    table = table_from_frame(frame, read_request(columns), name)
+    recording = recording_from_table(table, columns)
+    return require_accepted(audit(recording, columns.nonfinite, limits, in_place=True))
+
+
+def table_from_frame(frame: Any, wanted: ReadRequest, name: str = "frame") -> Table:
+    """Return a table in memory as a `Table`; its hash is that of the columns that are read.
+
+    Raises
+    ------
+    InputError
+        No table, a wanted column that it lacks, columns of unequal length, or one that holds
+        neither numbers, dates nor text.
+    """
+    names = _names(frame, name)
+    chosen = select_columns(names, wanted.names, name)
+    found = {column: _column(frame, column, name) for column in chosen}
+    refuse_unequal_lengths({column: values.size for column, values in found.items()}, name)
+    rows = next(iter(found.values())).size if found else 0
+    if rows == 0:
+        raise InputError(f"{name} has no rows", names=tuple(chosen))
+    read: dict[str, Column] = {}
+    for column, values in found.items():
+        if values.dtype.kind == "O" or (column in wanted.text and values.dtype.kind in "iub"):
+            read[column] = label_array([_text(one) for one in values], column, name)
+        elif values.dtype.kind == "U":
+            read[column] = label_array(cast(Sequence[str], values), column, name)
+        elif column in wanted.whole:
+            read[column] = wanted.number_column(column, values)
+    blank, block = wanted.empty_columns(rows, [column for column in chosen if column not in read])
+    for column, place in blank.items():
+        place[:] = found[column]
+        read[column] = place
+    digest = sha256()
+    for column in chosen:
+        digest.update(column.encode() + b"\0" + np.ascontiguousarray(read[column]).tobytes())
+    return Table(
+        tuple(names),
+        {column: read[column] for column in chosen},
+        name,
+        digest.hexdigest(),
+        0,
+        header=True,
+        block=block,
+    )
+
+
+def _names(frame: Any, name: str) -> list[str]:
+    """Return the names of the columns."""
+    fields: tuple[str, ...] | None = getattr(getattr(frame, "dtype", None), "names", None)
+    if hasattr(frame, "column_names"):  # Arrow; a record batch has none but its schema
+        return [str(one) for one in frame.column_names]
+    if hasattr(frame, "schema") and hasattr(frame, "num_rows"):
+        return [str(one) for one in frame.schema.names]
+    if hasattr(frame, "columns"):
+        index = getattr(getattr(frame, "index", None), "name", None)
+        return [str(one) for one in frame.columns] + ([str(index)] if index is not None else [])
+    if fields:
+        return list(fields)
+    if isinstance(frame, Mapping):
+        return [str(one) for one in cast(Mapping[object, object], frame)]
+    raise InputError(
+        f"{name} is of {type(frame).__name__}: give a DataFrame, an Arrow table, a structured "
+        "array, or columns by name"
+    )
+
+
+def _column(frame: Any, column: str, name: str) -> NDArray[Any]:
+    """Return a column, (n,): numbers, text, or objects of text.
+
+    Dates become ISO 8601 text, and durations s.
+    """
+    index = getattr(frame, "index", None)
+    if hasattr(frame, "columns") and getattr(index, "name", None) == column:
+        held: Any = index
+    elif hasattr(frame, "num_rows") and hasattr(frame, "schema"):
+        held = frame.column(frame.schema.names.index(column))
+    else:
+        held = frame[column]
+    kind = getattr(getattr(held, "dtype", None), "kind", "")
+    # With a time zone pandas converts to UTC.
+    values = np.asarray(held, "datetime64[ns]") if kind == "M" else np.asarray(held)
+    if values.ndim != 1:
+        raise InputError(
+            f"{name}: column {column!r} has the shape {values.shape}; give each axis a column",
+            names=(column,),
+        )
+    if values.dtype.kind == "M":
+        return np.datetime_as_string(values.astype("datetime64[ns]"))
+    if values.dtype.kind == "m":
+        return values.astype("timedelta64[ns]").astype(np.float64) * 1e-9
+    if values.dtype.kind == "O":
+        return _objects(values)
+    if values.dtype.kind not in "fiubU":
+        raise InputError(
+            f"{name}: column {column!r} has the type {values.dtype}; give real numbers or text",
+            names=(column,),
+        )
+    return values
+
+
+def _objects(values: NDArray[Any]) -> NDArray[Any]:
+    """Return objects as numbers if they are numbers or missing, else as they are."""
+    if any(isinstance(one, str) for one in values):
+        return values
+    if all(isinstance(one, int) and not isinstance(one, bool) for one in values):
+        return np.array(values.tolist())
+    try:
+        return np.array([np.nan if one is None else float(one) for one in values])
+    except (TypeError, ValueError):
+        return values
+
+
+def _text(value: object) -> str:
+    """Return an entry as a label; "" where it is missing."""
+    return "" if value is None or value != value else str(value)

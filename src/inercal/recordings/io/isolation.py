@@ -1,0 +1,304 @@
+"""Files that a library parses are read by a process of their own, with limits of memory and time.
+
+Damaged bytes can crash a library, or keep it busy for ever, and a few bytes can stand for more than
+any memory holds. The process (`reading_process`) ends with such a file, and this one goes on. It is
+started with the first file and kept for those that follow.
+
+What a file may cost depends on its size: 512 MiB and 32 bytes of memory for each byte, and 4 s of
+processor time and 2 s for each MB. Compression and repetition let a sound file hold more;
+`[data] most_values` states how much.
+"""
+
+import atexit
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Generator
+from functools import partial
+from io import RawIOBase
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+from inercal.basics.errors import InputError, require_installed
+from inercal.recordings.io.array_pipe import receive, send
+
+MOST_VALUES = 250_000_000  # of 8 bytes: 2 GB; seven channels at 200 Hz have them after 50 hours
+MOST_VALUES_KEY = "[data] most_values"
+_MOST_STATED = 10**12
+_BASE, _BYTES_PER_VALUE = 1 << 29, 32
+_SECONDS, _SECONDS_PER_BYTE, _SECONDS_PER_VALUE = 4.0, 2e-6, 2e-5
+_WAITED, _WAITED_PER_SECOND = 60, 4  # s: a disk or a busy machine may keep a reader waiting
+_ENDS_WITHIN = 5.0  # s
+FORKS = sys.platform == "linux" and hasattr(os, "fork")
+"""Whether a process forks for each file: it reads many then, elsewhere one."""
+_KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
+_PROGRAM = """
+import sys
+sys.path[:] = sys.argv[1:]
+from inercal.recordings.io.reading_process import serve
+serve()
+"""
+# Memory counts as it is reserved: of each thread, and of pyarrow's own allocators, much.
+_ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MALLOC_ARENA_MAX": "1",
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+}
+
+
+class Isolation(NamedTuple):
+    """What is read by a process of its own.
+
+    Parameters
+    ----------
+    kind : str
+        What the file is expected to be, "an HDF5 file".
+    advice : str
+        What to do with a damaged one.
+    libraries : tuple of str
+        Modules that are imported once for all files.
+    extra : str
+        What to install for them; empty where they come with inercal.
+    key : str
+        What raises the limits; empty where nothing does.
+    """
+
+    kind: str
+    advice: str = "write the file again"
+    libraries: tuple[str, ...] = ()
+    extra: str = ""
+    key: str = MOST_VALUES_KEY
+
+
+class ReadingLimits(NamedTuple):
+    """What reading a file may cost: memory, bytes; processor time and time between results, s."""
+
+    memory: int
+    seconds: int
+    waited: int
+
+
+class ReadingRequest(NamedTuple):
+    """A call of a function with the path of a file and further arguments."""
+
+    isolation: Isolation
+    limits: ReadingLimits
+    path: Path
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+class ReadingAnswer(NamedTuple):
+    """A result, the error that ended reading, or neither where all results were sent.
+
+    An error that is a `MemoryError` says that the limit of memory was met.
+    """
+
+    result: Any = None
+    error: Exception | None = None
+    last: bool = False
+
+
+def read_isolated(
+    isolation: Isolation,
+    path: Path,
+    function: Callable[..., Any],
+    *arguments: Any,
+    most_values: int | None = None,
+) -> Any:
+    """Return what a function returns of a file, called in a process with limits.
+
+    Parameters
+    ----------
+    isolation : Isolation
+    path : Path
+    function : callable
+        Of a module, so that the process can import it; called with the path and the arguments.
+    *arguments : object
+        Such as can be pickled.
+    most_values : int, optional
+        Values of 8 bytes that the file holds, where that is stated.
+
+    Raises
+    ------
+    MissingExtra
+        A library is not installed.
+    InputError
+        The function raises it, any other error of a library, which is the file's damage, a crash,
+        or too much memory or time.
+    OSError
+        The file cannot be read.
+    """
+    (result,) = stream_isolated(isolation, path, function, *arguments, most_values=most_values)
+    return result
+
+
+def stream_isolated(
+    isolation: Isolation,
+    path: Path,
+    function: Callable[..., Any],
+    *arguments: Any,
+    most_values: int | None = None,
+) -> Generator[Any]:
+    """Yield what a generator function yields of a file, as `read_isolated` returns it."""
+    if isolation.extra:
+        package = isolation.libraries[0].partition(".")[0]
+        require_installed(isolation.extra, f"{isolation.kind} needs {package}", (package,))
+    size = path.stat().st_size
+    limits = _limits(size, most_values)
+    process, ended = _idle_process(), False
+    try:
+        process.send(ReadingRequest(isolation, limits, path.absolute(), function, arguments))
+        while not ended:
+            answer = process.receive()
+            ended = answer.last
+            if answer.error is not None:
+                raise _own_error(answer.error, isolation, limits, path)
+            if not ended:
+                yield answer.result
+    except (EOFError, BrokenPipeError):
+        raise _death_error(process.end(), isolation, limits, path) from None
+    finally:
+        if ended and FORKS:
+            _idle.append(process)
+        else:
+            process.kill()
+
+
+def _limits(size: int, most_values: int | None) -> ReadingLimits:
+    """Return what reading a file of so many bytes may cost.
+
+    >>> _limits(1_000_000, None).seconds, _limits(1_000_000, 10_000_000).seconds
+    (6, 206)
+    """
+    stated = min(max(most_values or 0, 0), _MOST_STATED)
+    values = min(size, MOST_VALUES) if most_values is None else stated
+    seconds = _SECONDS + _SECONDS_PER_BYTE * size + _SECONDS_PER_VALUE * stated
+    waited = _WAITED + _WAITED_PER_SECOND * seconds
+    return ReadingLimits(_BASE + _BYTES_PER_VALUE * values, int(seconds), int(waited))
+
+
+def _own_error(
+    error: Exception, isolation: Isolation, limits: ReadingLimits, path: Path
+) -> Exception:
+    """Return an error of the process as it is raised here."""
+    if isinstance(error, MemoryError):
+        more = f"{limits.memory / 1e6:.0f} MB of memory"
+        return _limit_error(f"needs more than {more} to be read", isolation, path)
+    if isinstance(error, InputError) and error.file == path.absolute():
+        error.file = path
+    return error
+
+
+def _limit_error(what: str, isolation: Isolation, path: Path) -> InputError:
+    """Return the error of a file that costs more than a file of its size may."""
+    more = f"state {isolation.key}, the number of its values" if isolation.key else ""
+    return InputError(
+        f"{path.name} {what}, the limit for {isolation.kind} of its size: it is damaged, or holds "
+        f"much in few bytes; {' or '.join(filter(None, (isolation.advice, more)))}",
+        file=path,
+        key=isolation.key or None,
+    )
+
+
+def _death_error(
+    status: int, isolation: Isolation, limits: ReadingLimits, path: Path
+) -> InputError:
+    """Return the error of a file whose process died."""
+    number = -status if status < 0 else status - 128
+    name = signal.Signals(number).name if number in set(signal.Signals) else f"status {status}"
+    if name == "SIGXCPU":
+        more = f"{limits.seconds} s of processor time"
+        return _limit_error(f"needs more than {more} to be read", isolation, path)
+    if name == "SIGALRM":
+        return _limit_error(f"was not read within {limits.waited} s", isolation, path)
+    if name == "SIGKILL":
+        what = "the system ended the process that read it, as it does for want of memory"
+        return InputError(f"{path.name}: {what}; close other programs and try again", file=path)
+    return InputError(
+        f"{path.name} crashes the library that reads it ({name}): it is not {isolation.kind} or is "
+        f"damaged; {isolation.advice}",
+        file=path,
+    )
+
+
+class _Process:
+    """A process that reads files, one after another."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _PROGRAM, *sys.path],
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # libraries say there what they find
+            env={**os.environ, **_ENVIRONMENT},
+            start_new_session=True,  # the keyboard does not interrupt it
+        )
+        self._requests = cast(RawIOBase, self._process.stdin)
+        self._answers = cast(RawIOBase, self._process.stdout)
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def send(self, request: ReadingRequest) -> None:
+        send(self._requests, request)
+
+    def receive(self) -> ReadingAnswer:
+        return receive(self._answers)
+
+    def leave(self) -> None:
+        """Have nothing to do with it any more."""
+        self._requests.close()
+        self._answers.close()
+        self._process.returncode = 0  # else Python says that it still runs
+
+    def kill(self) -> None:
+        """Kill it, whatever it does."""
+        if self.running:
+            kill = partial(os.killpg, self._process.pid) if FORKS else self._process.send_signal
+            kill(_KILL)
+        self.end()
+
+    def end(self) -> int:
+        """Wait for the end of one that reads nothing more; return its exit status."""
+        self._requests.close()
+        self._answers.close()
+        try:
+            return self._process.wait(_ENDS_WITHIN)
+        except subprocess.TimeoutExpired:  # a fork of this program holds its input open
+            self._process.kill()
+            return self._process.wait()
+
+
+_idle: list[_Process] = []
+
+
+def _idle_process() -> _Process:
+    """Return a process that reads nothing now."""
+    while _idle:
+        process = _idle.pop()
+        if process.running:
+            return process
+        process.end()
+    return _Process()
+
+
+@atexit.register
+def end_all() -> None:
+    """End the processes that wait for files; the next file starts another."""
+    while _idle:
+        _idle.pop().end()
+
+
+def _leave_all() -> None:
+    """Leave the processes to the program from which this one was forked."""
+    while _idle:
+        _idle.pop().leave()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_all)

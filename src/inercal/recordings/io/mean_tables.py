@@ -1,0 +1,344 @@
+"""Tables of means, typed by hand or computed by another program, read as observations.
+
+Each row is a position or turn: its label, the mean reading of each axis in output units and, for
+turns, the duration of the section. A table does not show the standard deviation of its means: the
+user states a value for all rows, or columns hold that of each row, `ax_sd` for `ax`.
+"""
+
+import csv
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from inercal.basics.atomic_files import atomic_write
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty.rounding import last_digit
+from inercal.physics.sensors import Axis, Sensor
+from inercal.recordings import Observations, ReadingSteps, rounded_channels, rounding_notes
+from inercal.recordings.io.column_table import TOO_LARGE, Array, Table, shorten
+from inercal.recordings.io.read import Columns, read_table
+from inercal.recordings.rounding_errors import NOISY
+
+_FEW_DIGITS = 3  # of the last place: means that differ by less may be equal
+_OF_NOISE = 0.01  # share of a mean's variance below which its last digit is not counted
+_ONE_DIGIT = 0.1  # of the largest mean: whole numbers such as 1 and 0 g are not what was read
+_ROWS = 4  # the means of fewer rows may agree to the last digit
+SD_SUFFIX = "_sd"  # added to the name of a column: its standard deviation
+
+_OPEN_CELL = "write the mean, go on with inercal measure,"  # before "or remove the row"
+
+
+def read_means(
+    path: Path,
+    columns: Columns,
+    sensor: Sensor,
+    sd: dict[str, float],
+    seconds: str | None,
+    row_names: Callable[[Sequence[str]], Sequence[str]] = tuple,
+) -> Observations:
+    """Read a table of means.
+
+    Parameters
+    ----------
+    path : Path
+    columns : Columns
+        `label`, `channels` and `temperature` are used.
+    sensor : Sensor
+        Axes in the order wanted, with readouts.
+    sd : mapping
+        Standard deviation of a mean in SI, by what an axis measures ("f", "w"). Otherwise columns
+        of the table hold it, in output units.
+    seconds : str or None
+        Column of durations in s; None for 1 s in each row.
+    row_names : callable, optional
+        From the labels of the rows to distinct names.
+
+    Raises
+    ------
+    InputError
+        A column is missing, a value is not finite, a label is repeated, or no deviation is stated.
+    """
+    if columns.label is None:
+        raise InputError(
+            f"{path}: [data] label is missing: name the column of position labels",
+            file=path,
+            key="[data] label",
+        )
+    table = read_columns(path, columns, [] if seconds is None else [seconds])
+    labels = tuple(row_names([str(label).strip() for label in table.columns[columns.label]]))
+    durations = np.ones(len(labels)) if seconds is None else table.numbers(seconds)
+    return observations_from_table(path, table, labels, columns, sensor, sd, durations)
+
+
+def read_columns(path: Path, columns: Columns, extra_columns: Sequence[str]) -> Table:
+    """Return the table; refuse it where a used column is missing.
+
+    Parameters
+    ----------
+    path : Path
+    columns : Columns
+        `label` and `temperature`, if any, and `channels`.
+    extra_columns : sequence of str
+        Other wanted columns.
+
+    Raises
+    ------
+    InputError
+        A column is missing.
+    """
+    table = read_table(path, options=columns.options)
+    beside = [name for name in (columns.label, columns.temperature) if name is not None]
+    for name in (*beside, *(name for _, name, _ in columns.channels), *extra_columns):
+        if name not in table.columns:
+            raise InputError(
+                f"{path}: no column {name!r}; it has {', '.join(table.columns)}",
+                file=path,
+                names=(name,),
+            )
+    return table
+
+
+def observations_from_table(
+    path: Path,
+    table: Table,
+    labels: tuple[str, ...],
+    columns: Columns,
+    sensor: Sensor,
+    sd: Mapping[str, float],
+    durations: Array,
+) -> Observations:
+    """Return the rows of a table as observations.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    table : Table
+    labels : tuple of r str
+        Names of the rows.
+    columns, sensor, sd
+        As of `read_means`.
+    durations : (r,) array
+        s.
+
+    Raises
+    ------
+    InputError
+        A value is not finite, a temperature is not possible, a label is repeated, a column is the
+        same in all rows, or no deviation is stated.
+    """
+    twice = sorted({label for label in labels if labels.count(label) > 1})
+    if twice:
+        raise InputError(
+            f"{path}: position {twice[0]!r} comes in several rows; write each position in a single "
+            "row",
+            file=path,
+            names=tuple(twice),
+        )
+    by_axis = {axis: name for axis, name, _ in columns.channels}
+    output = np.empty((len(labels), len(sensor.axes)))
+    for k, axis in enumerate(sensor.axes):
+        output[:, k] = number_column(path, table, by_axis[axis.name], _OPEN_CELL)
+        _require_within_range(path, table, by_axis[axis.name], axis, output[:, k])
+    _refuse_constant_column(path, output, sensor, by_axis)
+    if not (np.isfinite(durations) & (durations > 0)).all():
+        row = int(np.flatnonzero(~(np.isfinite(durations) & (durations > 0)))[0])
+        raise InputError(
+            f"{path} {table.place(row)}: the duration is {durations[row]:g} s; it must be above 0",
+            file=path,
+            line=table.line(row),
+        )
+    deviation = _standard_deviations(path, table, by_axis, sensor, sd)
+    temperature = None
+    if columns.temperature is not None:
+        cells = number_column(path, table, columns.temperature, "write the temperature")
+        temperature = columns.thermometer.possible_kelvin(
+            cells, columns.temperature, table.place, str(path)
+        )
+    mean, covariance = sensor.to_si(output), deviation[..., None] ** 2 * np.eye(len(sensor.axes))
+    digits = _rounding_of_digits(output, deviation, sensor)
+    rounding, notes = digits.errors_of_means(mean), tuple[str, ...]()
+    if rounding is not None:
+        rounding = replace(
+            rounding, channels=rounded_channels(sensor, digits, covariance, digits.step**2 / 12)
+        )
+        notes = rounding_notes(sensor, rounding.channels)
+        rounding = rounding.with_independent(digits.step**2 / 12 - digits.variance)
+        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(sensor.axes))
+    return Observations(
+        labels=labels,
+        mean=mean,
+        covariance=covariance,
+        duration=durations,
+        samples=np.ones(len(labels), dtype=np.int64),
+        time=np.arange(len(labels), dtype=float),
+        channels=sensor.channels,
+        rounding=rounding,
+        notes=notes,
+        timed=False,
+        temperature=temperature,
+    )
+
+
+def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> ReadingSteps:
+    """Return how the means, (r, m), are rounded by the digits that they are written with.
+
+    A mean is one reading of its own noise; where that is large, digits do not matter.
+    """
+    scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
+    kinds = np.array([axis.measures for axis in sensor.axes])
+    step = np.zeros(scale.size)
+    for kind in set(kinds.tolist()):
+        alike = output[:, kinds == kind]  # written in one way
+        digit = last_digit(alike)
+        if digit <= _ONE_DIGIT * float(np.abs(alike).max(initial=0.0)):
+            step[kinds == kind] = digit
+    step /= scale
+    sd = np.median(deviation, axis=0)
+    step = np.where(step**2 / 12 > _OF_NOISE * sd**2, step, 0.0)
+    noise = np.where(step > 0, sd / np.where(step > 0, step, 1.0), NOISY)
+    never = np.zeros(step.size, dtype=np.bool_)
+    return ReadingSteps(step, np.minimum(noise, NOISY), never, np.zeros(step.size))
+
+
+def _refuse_constant_column(
+    path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str, str]
+) -> None:
+    """Refuse a column that is the same in all rows while others change, or a gyro that reads 0."""
+    if len(output) < _ROWS:
+        return
+    constant = (output == output[0]).all(axis=0)
+    for k, axis in enumerate(sensor.axes):
+        like = [j for j, other in enumerate(sensor.axes) if other.measures == axis.measures]
+        if axis.measures == "w" and not output[:, k].any():
+            raise InputError(
+                f"{path}: column {by_axis[axis.name]!r} is 0 in all rows: the gyro has a dead band "
+                "about zero or its means are rounded to 0, and its bias may be anything within; "
+                "write the means with more digits, or leave the gyros out",
+                file=path,
+                names=(by_axis[axis.name],),
+            )
+        # Gyros at rest that are written to a coarse digit may agree in all rows.
+        few = _FEW_DIGITS * last_digit(output[:, like])
+        if axis.measures == "w" and float(np.ptp(output[:, like], axis=0).max()) <= few:
+            continue
+        if constant[k] and not constant[like].all():
+            raise InputError(
+                f"{path}: column {by_axis[axis.name]!r} is {output[0, k]:.6g} in all rows while "
+                "others change: check that the axis is connected and that [data] names its column",
+                file=path,
+                names=(by_axis[axis.name],),
+            )
+
+
+def _require_within_range(path: Path, table: Table, name: str, axis: Axis, mean: Array) -> None:
+    """Refuse a mean at or beyond the full scale: some of its samples were clipped."""
+    reach = axis.readout.full_scale
+    beyond = np.flatnonzero(np.abs(mean - axis.readout.offset) >= (reach or np.inf))
+    if beyond.size:
+        row = int(beyond[0])
+        raise InputError(
+            f"{path} {table.place(row)}: column {name!r} is {mean[beyond[0]]:g}, at or beyond the "
+            "full_scale that [sensor] states; remove the row or correct full_scale",
+            file=path,
+            line=table.line(row),
+            names=(name,),
+        )
+
+
+def number_column(path: Path, table: Table, name: str, remedy: str) -> Array:
+    """Return a column of numbers, (r,).
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    table : Table
+    name : str
+    remedy : str
+        What to do where a cell is empty.
+
+    Raises
+    ------
+    InputError
+        A cell without a finite number, with its line.
+    """
+    for k, cell in enumerate(table.columns[name].tolist()):
+        try:
+            if abs(float(cell)) < TOO_LARGE:
+                continue
+            word = False
+        except ValueError:
+            word = bool(cell.strip())
+        what = (
+            f": {shorten(cell)!r} is not a number" if word else " is empty, not finite or too large"
+        )
+        raise InputError(
+            f"{path} {table.place(k)}: column {name!r}{what}; {remedy} or remove the row",
+            file=path,
+            line=table.line(k),
+            names=(name,),
+        )
+    return table.numbers(name)
+
+
+def _standard_deviations(
+    path: Path,
+    table: Table,
+    by_axis: Mapping[str, str],
+    sensor: Sensor,
+    sd: Mapping[str, float],
+) -> Array:
+    """Return the standard deviation of each mean, (r, m) SI: as stated, or from columns."""
+    rows = next(iter(table.columns.values())).size
+    deviations: list[Array] = []
+    for axis in sensor.axes:
+        if axis.measures in sd:
+            deviations.append(np.full(rows, sd[axis.measures]))
+            continue
+        name = by_axis[axis.name] + SD_SUFFIX
+        if name not in table.columns:
+            kind = {"f": "accelerometer", "w": "gyro"}[axis.measures]
+            raise InputError(
+                f"{path}: [data.sd] {kind} is missing: state the standard deviation of a mean with "
+                f"its unit, or add columns with that of each row, such as {name!r}",
+                file=path,
+                key=f"[data.sd] {kind}",
+            )
+        column = number_column(path, table, name, "write the standard deviation of the mean")
+        if (bad := np.flatnonzero(column <= 0)).size:
+            row = int(bad[0])
+            raise InputError(
+                f"{path} {table.place(row)}: column {name!r} is {column[row]:g}; a standard "
+                "deviation must be positive",
+                file=path,
+                line=table.line(row),
+                names=(name,),
+            )
+        deviations.append(column / abs(axis.readout.scale))
+    return np.stack(deviations, axis=-1)
+
+
+def write_means(
+    path: str | os.PathLike[str], columns: Mapping[str, Sequence[str | float | int]]
+) -> None:
+    """Write a table of means as CSV, completely or not at all; numbers with all digits.
+
+    Parameters
+    ----------
+    path : path
+    columns : mapping of str to sequence of r str or numbers
+        Columns by name, in order.
+
+    Raises
+    ------
+    InputError
+        A path that cannot be written.
+    """
+    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        lines = csv.writer(file, lineterminator="\n")
+        lines.writerow(columns)
+        lines.writerows(zip(*columns.values(), strict=True))

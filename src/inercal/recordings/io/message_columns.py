@@ -1,0 +1,213 @@
+"""Messages of a log as the columns of a table: topics with times of their own, joined by time.
+
+A column is "topic.field"; "time" is the time of the samples, s from the first one. The samples are
+those of the topic, among the topics of the wanted channels, that has the fewest messages; each of
+the others gives the message nearest in time. No reading is interpolated: that would filter its
+noise.
+"""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.errors import InputError
+from inercal.recordings.io.column_table import (
+    Column,
+    ReadRequest,
+    Table,
+    file_sha256,
+    select_columns,
+    shorten,
+)
+from inercal.recordings.io.nearest_times import nearest_samples
+
+TIME = "time"  # the column of times
+_NS = 10**9
+_MOST_LISTED = 12  # topics in a message
+
+Times = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Messages:
+    """All messages of one topic.
+
+    Parameters
+    ----------
+    topic : str
+    time : (n,) array of int
+        ns, of a clock that all topics share.
+    fields : mapping of str to (n,) array
+        Numbers.
+    """
+
+    topic: str
+    time: Times
+    fields: Mapping[str, NDArray[Any]]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        return tuple(f"{self.topic}.{field}" for field in self.fields)
+
+
+def wanted_topics(
+    wanted: ReadRequest, topics: Collection[str], defaults: Iterable[str], source: str
+) -> list[str]:
+    """Return the topics of the wanted columns; where all are wanted, those of `defaults`.
+
+    Raises
+    ------
+    InputError
+        A column of no topic of the log; the message lists its topics.
+    """
+    if wanted.names is None:
+        return [topic for topic in defaults if topic in topics]
+    used: list[str] = []
+    for name in wanted.names:
+        if name == TIME:
+            continue
+        of = [topic for topic in topics if name.startswith(f"{topic}.")]
+        if not of:
+            raise InputError(
+                f"{source} has no column {name!r}: columns are 'topic.field' and "
+                f"{TIME!r}; {_suggest(name, topics)}",
+                names=(name,),
+            )
+        used.append(max(of, key=len))
+    return list(dict.fromkeys(used))
+
+
+def require_messages(used: Collection[str], present: Collection[str], source: str) -> None:
+    """Refuse topics of which the log has no message.
+
+    Raises
+    ------
+    InputError
+        The message names the first of them.
+    """
+    missing = [topic for topic in used if topic not in present]
+    if missing:
+        raise InputError(
+            f"{source} has no message of topic {missing[0]!r}: log it, or name another topic",
+            names=tuple(missing),
+        )
+
+
+def channel_columns(wanted: ReadRequest, messages: Messages) -> set[str]:
+    """Return the wanted columns of readings of a topic; all wanted ones where none are marked."""
+    channels = wanted.block_columns or wanted.names
+    return set(messages.columns) & set(messages.columns if channels is None else channels)
+
+
+def _suggest(name: str, topics: Collection[str]) -> str:
+    """Return a text that lists the topics, those with a similar name first."""
+    near = get_close_matches(name.rpartition(".")[0], topics, n=3)
+    listed = [*near, *(topic for topic in topics if topic not in near)]
+    more = f", … ({len(listed)} in all)" if listed[_MOST_LISTED:] else ""
+    return "its topics are " + ", ".join(map(shorten, listed[:_MOST_LISTED])) + more
+
+
+def table_from_messages(
+    path: Path,
+    messages: Sequence[Messages],
+    wanted: ReadRequest,
+    kept_corrections: Sequence[str] = (),
+    devices: Mapping[str, int] | None = None,
+) -> Table:
+    """Return messages as a table whose rows are joined by time.
+
+    Parameters
+    ----------
+    path : Path
+    messages : sequence of Messages
+        Of the wanted topics.
+    wanted : ReadRequest
+    kept_corrections : sequence of str
+        See `inercal.recordings.io.column_table.Table`.
+    devices : mapping of str to int
+        Numbers of the sensors, by what names them in the log.
+
+    Raises
+    ------
+    InputError
+        No message, a wanted column that the messages lack, or topics that do not overlap in time.
+    """
+    source = path.name
+    names = (TIME, *(column for topic in messages for column in topic.columns))
+    chosen = select_columns(names, wanted.names, source)
+    for topic in messages:
+        if not topic.time.size:
+            raise InputError(
+                f"{source} has no message of topic {topic.topic!r}: record it, or name another "
+                "topic",
+                names=(topic.topic,),
+            )
+    if not messages:
+        raise InputError(f"{source} has no column of a topic: name the columns of the readings")
+    sampled = [topic for topic in messages if channel_columns(wanted, topic)] or messages
+    base = min(sampled, key=lambda topic: topic.time.size)
+    at, keep = _joined(base, messages, sampled, source)
+    rows = int(keep.sum())
+    start = int(base.time[keep][0])
+    columns: dict[str, Column] = {}
+    blank, block = wanted.empty_columns(rows, chosen)
+    of = {column: topic for topic in messages for column in topic.columns}
+    for name, place in blank.items():
+        if name == TIME:
+            place[:] = (base.time[keep] - start) / _NS
+        else:
+            topic = of[name]
+            values = topic.fields[name.removeprefix(f"{topic.topic}.")]
+            place[:] = values[at[topic.topic][keep]]
+        columns[name] = _labels(place) if name in wanted.text else place
+    return Table(
+        names,
+        columns,
+        source,
+        file_sha256(path),
+        0,
+        header=True,
+        block=block,
+        kept_corrections="; ".join(kept_corrections),
+        devices=", ".join(f"{name} {number}" for name, number in (devices or {}).items()),
+        time_zero=Fraction(start),
+    )
+
+
+def _joined(
+    base: Messages, messages: Sequence[Messages], sampled: Sequence[Messages], source: str
+) -> tuple[dict[str, Times], NDArray[np.bool_]]:
+    """Return of each topic the message of each sample, and the samples that all channels have.
+
+    What changes slowly, such as a temperature, comes from the nearest message however far.
+    """
+    at: dict[str, Times] = {}
+    keep = np.ones(base.time.size, np.bool_)
+    for topic in messages:
+        if topic is base:
+            at[topic.topic] = np.arange(base.time.size)
+            continue
+        at[topic.topic], near = nearest_samples(topic.time, base.time)
+        if topic in sampled:
+            keep &= near
+    if not keep.any():
+        others = " and ".join(topic.topic for topic in sampled)
+        raise InputError(
+            f"{source}: the times of {others} do not overlap: name columns of topics that were "
+            "recorded together, with one clock",
+            names=tuple(topic.topic for topic in sampled),
+        )
+    return at, keep
+
+
+def _labels(values: NDArray[np.float64]) -> Column:
+    """Return whole numbers as labels, such as the number of a mode."""
+    whole = np.isfinite(values).all() and (values == np.round(values)).all()
+    return values.astype(np.int64).astype(np.str_) if whole else values.astype(np.str_)

@@ -1,0 +1,134 @@
+"""NumPy archives: one array a column, or one array "data" with its "columns"."""
+
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.errors import InputError
+from inercal.recordings.io.column_table import (
+    Array,
+    Column,
+    ReadRequest,
+    Table,
+    file_sha256,
+    label_array,
+    refuse_unequal_lengths,
+    select_columns,
+)
+from inercal.recordings.io.isolation import Isolation
+from inercal.recordings.io.readers import Reader
+
+
+def read_npz(path: Path, wanted: ReadRequest) -> Table:
+    """Read a table from a .npz file, one array at a time.
+
+    Parameters
+    ----------
+    path : Path
+        Arrays (n,) by name of the column; or "data" (n, k) with "columns" (k,) of str.
+    wanted : ReadRequest
+
+    Raises
+    ------
+    InputError
+        Pickled objects, or arrays that do not form a table.
+    OSError
+        The file cannot be read.
+    """
+    zipfile.ZipFile(path).close()  # NumPy would take other files for arrays
+    with np.load(path, allow_pickle=False) as archive:
+        names, columns, block = _columns(archive, wanted, path.name)
+    return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
+
+
+def _columns(
+    archive: Any, wanted: ReadRequest, source: str
+) -> tuple[tuple[str, ...], dict[str, Column], Array]:
+    """Return the names of all columns, those wanted, and their block."""
+    names, arrays = _arrays(archive, wanted, source)
+    columns: dict[str, Column] = {}
+    lengths: dict[str, int] = {}
+    blank: dict[str, Array] = {}
+    block = np.empty((0, 0))
+    for name, array in arrays:
+        column = _column(array, name, name in wanted.text, source)
+        lengths[name] = n = column.size
+        if len(lengths) == 1:
+            blank, block = wanted.empty_columns(n, wanted.block_columns)
+        if column.dtype.kind == "U":
+            columns[name] = label_array(column.tolist(), name, source)
+        elif name not in blank:
+            columns[name] = wanted.number_column(name, column)
+        elif n == len(block):
+            blank[name][:] = column
+            columns[name] = blank[name]
+    refuse_unequal_lengths(lengths, source)
+    if not any(lengths.values()):
+        raise InputError(f"{source} has no rows: record or export it again")
+    return names, columns, block
+
+
+def _arrays(
+    archive: Any, wanted: ReadRequest, source: str
+) -> tuple[tuple[str, ...], Iterator[tuple[str, NDArray[Any]]]]:
+    """Return the names of all columns, and the wanted columns with their arrays, read in turn."""
+    if not {"data", "columns"} <= set(archive.files):
+        names = tuple(archive.files)
+        chosen = select_columns(names, wanted.names, source)
+        return names, ((name, _array(archive, name, source)) for name in chosen)
+    data, titles = _array(archive, "data", source), _array(archive, "columns", source)
+    if data.ndim != 2 or titles.shape != data.shape[1:]:
+        raise InputError(
+            f"{source}: 'data' has the shape {data.shape} and 'columns' {titles.shape}; save "
+            "(n, k) and (k,)",
+            names=("data", "columns"),
+        )
+    names = tuple(str(title) for title in titles)
+    chosen = select_columns(names, wanted.names, source)
+    return names, ((name, data[:, names.index(name)]) for name in chosen)
+
+
+def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
+    try:
+        array: NDArray[Any] | bytes = archive[name]
+    except ValueError as error:  # NumPy raises it for pickled objects and for broken headers
+        raise InputError(
+            f"{source}: array {name!r} is damaged or holds objects; save plain numbers",
+            names=(name,),
+        ) from error
+    if isinstance(array, bytes):  # NumPy returns members that are no arrays as bytes
+        raise InputError(
+            f"{source}: {name!r} is not an array; if the file is a workbook, save it as CSV",
+            names=(name,),
+        )
+    return array
+
+
+def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArray[Any]:
+    """Return a column of numbers as it is, one of text as str."""
+    if array.ndim != 1:
+        raise InputError(
+            f"{source}: array {name!r} has the shape {array.shape}; save columns as (n,)",
+            names=(name,),
+        )
+    if as_text and array.dtype.kind in "iub":
+        return array.astype(np.str_)
+    if array.dtype.kind not in "fiubU":
+        raise InputError(
+            f"{source}: array {name!r} has the type {array.dtype}; save real numbers or text",
+            names=(name,),
+        )
+    return array
+
+
+READER = Reader(
+    "npz",
+    read_npz,
+    content=((0, b"PK\x03\x04"),),
+    suffixes=(".npz",),
+    isolation=Isolation("an .npz archive"),
+)

@@ -1,0 +1,158 @@
+"""Parquet files, through pyarrow."""
+
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.errors import InputError, require_extra
+from inercal.recordings.io.column_table import (
+    BLOCK_ROWS,
+    Array,
+    Column,
+    ReadRequest,
+    Table,
+    file_sha256,
+    label_array,
+    select_columns,
+)
+from inercal.recordings.io.isolation import Isolation
+from inercal.recordings.io.readers import Reader
+
+_BUFFER = 1 << 20  # bytes of each column read at a time
+
+
+def read_parquet(path: Path, wanted: ReadRequest) -> Table:
+    """Read a table from a Parquet file, some rows at a time; missing numbers become NaN.
+
+    Parameters
+    ----------
+    path : Path
+        A Parquet file of numbers and text.
+    wanted : ReadRequest
+
+    Raises
+    ------
+    InputError
+        pyarrow is not installed, the file is damaged, or a column is neither numbers nor text.
+    """
+    pyarrow = _pyarrow()
+    schema = pyarrow.parquet.read_schema(path)
+    names = tuple(str(name) for name in schema.names)
+    chosen = select_columns(names, wanted.names, path.name)
+    texts = [k for k in chosen if _is_text(pyarrow, schema.field(k).type, k, False, path.name)]
+    with pyarrow.parquet.ParquetFile(
+        path,
+        page_checksum_verification=True,
+        pre_buffer=False,
+        buffer_size=_BUFFER,
+        read_dictionary=texts,  # a long text that many rows have is decoded once
+    ) as file:
+        columns, block = _columns(pyarrow, file, chosen, wanted, path.name)
+    return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
+
+
+def _columns(
+    pyarrow: Any, file: Any, chosen: list[str], wanted: ReadRequest, source: str
+) -> tuple[dict[str, Column], Array]:
+    """Return the chosen columns by name, and their block."""
+    n = int(file.metadata.num_rows)
+    if n == 0:
+        raise InputError(f"{source} has no rows: record or export it again")
+    words: dict[str, list[NDArray[np.str_]]] = {
+        name: []
+        for name in chosen
+        if _is_text(pyarrow, file.schema_arrow.field(name).type, name, name in wanted.text, source)
+    }
+    numbers, block = wanted.empty_columns(n, [name for name in chosen if name not in words])
+    stamps: dict[str, list[NDArray[Any]]] = {
+        name: [] for name in chosen if name in wanted.whole and name not in words
+    }
+    start = 0
+    for batch in file.iter_batches(batch_size=BLOCK_ROWS, columns=chosen, use_threads=False):
+        stop = start + batch.num_rows
+        for name in chosen:
+            values = batch.column(name)
+            if name in words:
+                words[name].append(_labels(values, name, source))
+            elif name in stamps:
+                stamps[name].append(_numbers(pyarrow, values))
+            else:
+                numbers[name][start:stop] = _numbers(pyarrow, values)
+        start = stop
+    if start != n:
+        raise InputError(
+            f"{source} is damaged: it has {start} rows, but its header states {n}; write the file "
+            "again"
+        )
+    columns: dict[str, Column] = {**numbers}
+    columns |= {name: np.concatenate(parts) for name, parts in words.items()}
+    for name, parts in stamps.items():
+        columns[name] = wanted.number_column(name, np.concatenate(parts))
+    return {name: columns[name] for name in chosen}, block
+
+
+def write_parquet(path: Path, columns: dict[str, Column], metadata: Mapping[str, str]) -> None:
+    """Write columns (n,) of numbers and text, and metadata of the schema, to a Parquet file.
+
+    Raises
+    ------
+    InputError
+        pyarrow is not installed.
+    """
+    pyarrow = _pyarrow()
+    # Text as a list: pyarrow does not accept NumPy's fixed-width strings.
+    arrays = {k: c.tolist() if c.dtype.kind == "U" else c for k, c in columns.items()}
+    table = pyarrow.table(arrays, metadata=dict(metadata) or None)
+    pyarrow.parquet.write_table(table, path, write_page_checksum=True)
+
+
+def _pyarrow() -> Any:
+    """Return the package: imported only for a Parquet file, since it is an extra."""
+    with require_extra("io", "Parquet files need pyarrow", ("pyarrow",)):
+        import_module("pyarrow.parquet")
+        return import_module("pyarrow")
+
+
+def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> bool:
+    """Return whether a column of this type is read as text."""
+    types = pyarrow.types
+    if types.is_dictionary(kind):  # how pandas writes categories
+        kind = kind.value_type
+    if types.is_string(kind) or types.is_large_string(kind):
+        return True
+    integer = types.is_integer(kind) or types.is_boolean(kind)
+    if not (integer or types.is_floating(kind)):
+        raise InputError(
+            f"{source}: column {name!r} has the type {kind}; save real numbers or text",
+            names=(name,),
+        )
+    return as_text and integer
+
+
+def _labels(values: Any, name: str, source: str) -> NDArray[np.str_]:
+    """Return one pyarrow column of text or whole numbers as labels; "" where it has none."""
+    # A column of labels repeats few texts: each is converted once.
+    encoded = values if hasattr(values, "dictionary") else values.dictionary_encode()
+    texts = ["", *("" if one is None else str(one) for one in encoded.dictionary.to_pylist())]
+    places = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.intp)
+    return label_array(texts, name, source)[places + 1]
+
+
+def _numbers(pyarrow: Any, values: Any) -> NDArray[Any]:
+    """Return one pyarrow column of numbers as an array (n,); where some are missing, of float64."""
+    if pyarrow.types.is_dictionary(values.type):
+        values = values.cast(values.type.value_type)
+    return np.asarray(values.to_numpy(zero_copy_only=False))
+
+
+READER = Reader(
+    "parquet",
+    read_parquet,
+    content=((0, b"PAR1"),),
+    suffixes=(".parquet", ".pq"),
+    isolation=Isolation("a Parquet file", libraries=("pyarrow.parquet",), extra="io"),
+)

@@ -1,0 +1,339 @@
+"""Tables and recordings from files of all registered formats."""
+
+import os
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.recordings import Recording
+from inercal.recordings.io.audit import audit, audit_rows, require_accepted
+from inercal.recordings.io.column_table import ReadRequest, Table, open_error
+from inercal.recordings.io.isolation import MOST_VALUES_KEY, read_isolated
+from inercal.recordings.io.nearest_times import nearest_samples
+from inercal.recordings.io.readers import (
+    HEAD_BYTES,
+    MOST_VALUES_OPTION,
+    Reader,
+    refuse_unknown_options,
+    select_reader,
+)
+from inercal.recordings.io.simulation_mark import stored_mark
+from inercal.recordings.io.table_recording import (
+    Columns,
+    number_block,
+    read_request,
+    recording_from_table,
+    sample_times,
+)
+
+_GZIP = b"\x1f\x8b"
+_ROUNDING = 1e-6  # of half a step: stamps of few digits
+
+
+def read_table(
+    path: str | os.PathLike[str],
+    wanted: Collection[str] | None = None,
+    text: Collection[str] = (),
+    options: Mapping[str, object] | None = None,
+) -> Table:
+    """Read a table: text, .npz, Parquet, .mat, HDF5, or a format that another package registers.
+
+    The content of a file, then its suffix, decides the format.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    wanted : collection of str or None
+        Columns to return; None for all.
+    text : collection of str
+        Columns to return as text even where they look like numbers.
+    options : mapping of str to object, optional
+        Options of the reader (`inercal.recordings.io.readers`).
+
+    Raises
+    ------
+    InputError
+        The file cannot be read as a table with these columns.
+    """
+    path, options = Path(path), options or {}
+    _refuse_unknown_options(options, path)
+    names = None if wanted is None else tuple(wanted)
+    return _read(path, ReadRequest(names, tuple(text)), options)
+
+
+def detect_reader(path: Path) -> Reader:
+    """Return the reader of a file, chosen by its content and then by its suffix.
+
+    Raises
+    ------
+    InputError
+        It is not a regular file, it cannot be opened, or it is compressed.
+    """
+    try:
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; name a file in it", file=path)
+        if path.exists() and not path.is_file():
+            raise InputError(
+                f"{path} is not a regular file, and a stream cannot be read twice: save it as a "
+                "file",
+                file=path,
+            )
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except OSError as error:
+        raise open_error(path, error) from error
+    if head.startswith(_GZIP):
+        raise InputError(f"{path.name} is compressed with gzip: unpack it first", file=path)
+    return select_reader(path, head)
+
+
+def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Table:
+    """Return the table of a file; the reader takes the options that it knows."""
+    reader = detect_reader(path)
+    before = _state(path)
+    read = partial(reader.read, **reader.option_values(options))
+    try:
+        if reader.isolation is None:
+            table = _read_marked(path, read, wanted)
+        else:
+            most = cast(int | None, options.get(MOST_VALUES_OPTION.name))
+            table = read_isolated(
+                reader.isolation, path, _read_marked, read, wanted, most_values=most
+            )
+            _refuse_too_many_values(table, most)
+    except OSError as error:
+        raise open_error(path, error) from error
+    except Exception as error:
+        if _state(path) != before:
+            raise _changed_error(path) from error
+        if isinstance(error, InputError):
+            error.file = error.file or path
+        raise
+    if _state(path) != before:
+        raise _changed_error(path)
+    return table
+
+
+def _read_marked(path: Path, read: Callable[..., Table], wanted: ReadRequest) -> Table:
+    """Return the table of a file with its mark of a simulation."""
+    return replace(read(path, wanted), simulation=stored_mark(path))
+
+
+def _refuse_too_many_values(table: Table, most: int | None) -> None:
+    """Refuse a table of more values than the data section states."""
+    values = sum(column.size for column in table.columns.values())
+    if most is not None and values > most:
+        raise InputError(
+            f"{table.source} has {values} values in the columns that are read, more than "
+            f"{MOST_VALUES_KEY} = {most}: export the used columns alone, or state more",
+            key=MOST_VALUES_KEY,
+        )
+
+
+def _state(path: Path) -> tuple[int, int, int] | None:
+    """Return what tells that a file was changed; None for no file."""
+    try:
+        known = path.stat()
+    except OSError:
+        return None
+    return known.st_ino, known.st_size, known.st_mtime_ns
+
+
+def _changed_error(path: Path) -> InputError:
+    return InputError(
+        f"{path} was changed while it was read: wait until it is complete, or read a copy",
+        file=path,
+    )
+
+
+def _refuse_unknown_options(options: Mapping[str, object], *paths: Path) -> None:
+    """Refuse options that no reader of these files knows."""
+    if options:
+        names = " and ".join(path.name for path in paths)
+        refuse_unknown_options(options, names, [detect_reader(path) for path in paths])
+
+
+def read_recording(
+    path: str | os.PathLike[str],
+    columns: Columns,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    second: str | os.PathLike[str] | None = None,
+) -> Recording:
+    """Read a recording and audit it.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    columns : Columns
+        What each column holds.
+    limits : mapping of channel to (lowest, highest), optional
+        See `inercal.recordings.io.audit.audit`.
+    second : path-like, optional
+        The file of `columns.second`.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, two were not sampled together, or the audit refuses the recording.
+    """
+    recording = read_unaudited(Path(path), columns, None if second is None else Path(second))
+    return require_accepted(audit(recording, columns.nonfinite, limits, in_place=True))
+
+
+def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
+    """Read the readback of a bench from a separate file, with its axes as channels.
+
+    Rows and times are audited as those of a recording; an axis may be at rest throughout.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or the audit refuses it.
+    """
+    recording = read_unaudited(Path(path), columns)
+    return require_accepted(audit_rows(recording, columns.nonfinite, in_place=True))
+
+
+def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> Recording:
+    """Return the recording of the files, not audited, marked where one of them is simulated.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, or two do not go together.
+    """
+    if (second is None) != (not columns.second):
+        raise InputError(
+            f"{path}: state a second file and its columns, or neither of the two", file=path
+        )
+    files = [path] if second is None else [path, second]
+    _refuse_unknown_options(columns.options, *files)
+    return _read_together(path, columns, second)
+
+
+def _read_together(path: Path, columns: Columns, second: Path | None) -> Recording:
+    """Return the recording of a file, or of two by their rows or times."""
+    if second is not None and columns.second_time is not None:
+        return _join_by_time(path, second, columns)
+    table = _read(path, read_request(columns), columns.options)
+    recording = recording_from_table(table, columns)
+    if second is None:
+        return recording
+    columns = replace(columns, origin=recording.origin)
+    other = _read_second_file(second, columns, recording)
+    kept = filter(None, (recording.kept_corrections, other.kept_corrections))
+    return replace(
+        recording,
+        source=f"{recording.source} and {other.source}",
+        first_row=recording.first_row if other.first_line == recording.first_row else 0,
+        line_breaks=recording.line_breaks if other.line_breaks == recording.line_breaks else (),
+        kept_corrections="; ".join(kept),
+        simulation=recording.simulation or other.simulation,
+    )
+
+
+def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
+    """Return the recording of two files whose samples come at times of their own.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, its time decreases, or the files do not overlap in time.
+    """
+    parts = {"channels": columns.second, "time": columns.second_time, "label": None}
+    one = replace(columns, second=(), second_time=None)
+    first = recording_from_table(_read(path, read_request(one), one.options), one)
+    other = replace(one, **parts, temperature=None, readback=(), origin=first.origin)
+    further = recording_from_table(_read(second, read_request(other), other.options), other)
+    for recording in (first, further):
+        _require_increasing_time(recording)
+    fewer = first if first.time.size <= further.time.size else further
+    more = further if fewer is first else first
+    near, found = nearest_samples(more.time, fewer.time)
+    if not found.any():
+        raise InputError(
+            f"{first.source} is of {_span(first)} s and {further.source} of {_span(further)} s: "
+            "times of one clock are needed",
+            file=path,
+        )
+    kept, joined = fewer.take(found), more.take(near[found])
+    first_part, second_part = (kept, joined) if fewer is first else (joined, kept)
+    texts = filter(None, (first.kept_corrections, further.kept_corrections))
+    return replace(
+        first_part,
+        time=kept.time,
+        data=np.hstack([first_part.data, second_part.data]),
+        channels=first.channels + further.channels,
+        units=first.units + further.units,
+        source=first.source if path == second else f"{first.source} and {further.source}",
+        kept_corrections="; ".join(texts),
+        simulation=first.simulation or further.simulation,
+    )
+
+
+def _span(recording: Recording) -> str:
+    """Return the first and the last time by the file's clock, in words."""
+    first, last = recording.stamps[[0, -1]]
+    return f"{first:.12g} to {last:.12g}"
+
+
+def _require_increasing_time(recording: Recording) -> None:
+    """Refuse times that decrease or are missing: there is no nearest sample then."""
+    bad = np.flatnonzero(~(np.diff(recording.time) >= 0))
+    if bad.size:
+        raise InputError(
+            f"{recording.source}: time does not increase at {recording.where(int(bad[0]) + 1)}: "
+            "the clock was reset, or a time is missing; split or repair the file there",
+            file=recording.source,
+            line=recording.line(int(bad[0]) + 1),
+        )
+
+
+def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
+    """Read the columns of the second file to their places in `first`, and return its table."""
+    together = tuple(column for _, column, _ in columns.second)
+    names = together if columns.time is None else (columns.time, *together)
+    wanted = ReadRequest(names, (), together, whole=columns.stamps)
+    table = _read(path, wanted, columns.options)
+    block = number_block(table, together)
+    name, time, place = first.source, first.time, first.data[:, -len(together) :]
+    if len(block) != len(place):
+        raise InputError(
+            f"{table.source} has {len(block)} rows and {name} has {len(place)}: "
+            "two files of one recording must have the same rows",
+            file=path,
+        )
+    if columns.time is not None:
+        _refuse_unequal_times(table, sample_times(table, columns, len(block)).time, name, time)
+    place[:] = block
+    return table
+
+
+def _refuse_unequal_times(table: Table, time: Array, name: str, expected: Array) -> None:
+    """Refuse a time that differs by more than half a step from that in the first file.
+
+    The audit refuses a time that is missing in the first file.
+    """
+    with np.errstate(invalid="ignore"):  # of infinities
+        step = np.abs(np.diff(expected))
+        step = step[np.isfinite(step)]
+        half = 0.5 * float(np.median(step, overwrite_input=True)) if step.size else 0.0
+        apart = ~(np.abs(time - expected) <= half * (1 + _ROUNDING)) & np.isfinite(expected)
+    if not apart.any():
+        return
+    k = int(np.argmax(apart))
+    raise InputError(
+        f"{table.source} {table.place(k)} is at {time[k]:.6g} s "
+        f"where {name} is at {expected[k]:.6g} s: two files of one recording must have the same "
+        "times",
+        file=table.source,
+        line=table.line(k),
+    )

@@ -1,0 +1,185 @@
+"""Readers of file formats by name, of this package and of others, and the choice among them.
+
+A reader declares which files it reads: by bytes at a place near the begin, and by suffix. The first
+reader whose bytes a file has reads it, else the first whose suffix it has, else the reader of text.
+A reader also declares its keys of [data], such as a topic. A package registers a reader by::
+
+    [project.entry-points."inercal.readers"]
+    flight_log = "their_package.log:READER"
+
+inercal calls it with the file, the `ReadRequest` and each of its options by name.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import UnionType
+from typing import get_args
+
+from inercal.basics.errors import InputError
+from inercal.basics.registry import Registry
+from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.isolation import MOST_VALUES, MOST_VALUES_KEY, Isolation
+
+HEAD_BYTES = 128
+"""Bytes at the begin of a file in which readers look for their format."""
+_WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}
+
+
+@dataclass(frozen=True)
+class Option:
+    """A key of [data] that one reader knows.
+
+    Parameters
+    ----------
+    name : str
+        Not the name of a key that [data] has for all readers.
+    type : type or union of types
+        Of str, int, float, bool.
+    default : object
+        Taken where the key is not stated.
+    meaning : str
+        One line for the user.
+    """
+
+    name: str
+    type: type | UnionType
+    default: object
+    meaning: str
+
+    def accepts(self, value: object) -> bool:
+        """Return whether a value is of the type; a whole number is a number too."""
+        kinds = _member_types(self.type)
+        if isinstance(value, bool):
+            return bool in kinds
+        return isinstance(value, kinds) or (float in kinds and isinstance(value, int))
+
+    @property
+    def accepted_types(self) -> str:
+        """The types in words."""
+        return " or ".join(_WORDS[kind] for kind in _member_types(self.type))
+
+
+MOST_VALUES_OPTION = Option(
+    MOST_VALUES_KEY.split()[-1],
+    int,
+    MOST_VALUES,
+    "values of 8 bytes that the file holds in the columns that are read, at most",
+)
+
+
+def _member_types(kind: type | UnionType) -> tuple[type, ...]:
+    return get_args(kind) if isinstance(kind, UnionType) else (kind,)
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How files of one format are read.
+
+    Parameters
+    ----------
+    name : str
+    read : callable
+        (path, wanted, **options) to a `Table`. It imports the libraries that it needs itself.
+    content : tuple of (int, bytes)
+        Places within the first 128 bytes with the bytes there; any of them identifies the format.
+    suffixes : tuple of str
+        Such as ".npz", in lower case.
+    binary : bool
+        Whether the suffix counts only where a zero byte is among the first 128 bytes.
+    options : tuple of Option
+    isolation : Isolation or None
+        How it reads in a process of its own, as it should where damaged bytes can crash a library;
+        `MOST_VALUES_OPTION` is then a further option, which it is not called with. None where it
+        reads in this process.
+    """
+
+    name: str
+    read: Callable[..., Table]
+    content: tuple[tuple[int, bytes], ...] = ()
+    suffixes: tuple[str, ...] = ()
+    binary: bool = False
+    options: tuple[Option, ...] = ()
+    isolation: Isolation | None = None
+
+    def has_content(self, head: bytes) -> bool:
+        """Return whether a file that begins so is of this format."""
+        return any(head[at:].startswith(start) for at, start in self.content)
+
+    def has_suffix(self, path: Path, head: bytes) -> bool:
+        """Return whether a file is of this format by its suffix."""
+        return path.suffix.lower() in self.suffixes and (b"\0" in head or not self.binary)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of its options, that of isolation the last."""
+        names = tuple(option.name for option in self.options)
+        return names if self.isolation is None else (*names, MOST_VALUES_OPTION.name)
+
+    def option_values(self, given: Mapping[str, object]) -> dict[str, object]:
+        """Return the options of this reader, with default where no value is given.
+
+        Raises
+        ------
+        InputError
+            A value of another type.
+        """
+        for option in (*self.options, MOST_VALUES_OPTION):
+            if option.name in given and not option.accepts(value := given[option.name]):
+                raise InputError(
+                    f"[data] {option.name} is {value!r}; reader {self.name} takes "
+                    f"{option.accepted_types}: {option.meaning}",
+                    key=f"[data] {option.name}",
+                )
+        return {option.name: given.get(option.name, option.default) for option in self.options}
+
+
+_OWN = ("ulog", "dataflash", "rosbag", "xlsx", "hdf5", "mat", "npz", "parquet", "text")
+READERS: Registry[Reader] = Registry(
+    "inercal.readers",
+    "reader",
+    {name: f"inercal.recordings.io.{name}:READER" for name in _OWN},
+)
+
+
+def select_reader(path: Path, head: bytes) -> Reader:
+    """Return the reader of a file that begins with `head`, its first 128 bytes."""
+    for reader in READERS.values():
+        if reader.has_content(head):
+            return reader
+    for reader in READERS.values():
+        if reader.has_suffix(path, head):
+            return reader
+    return READERS["text"]
+
+
+def readers_with_option(key: str) -> list[str]:
+    """Return the names of the readers that know an option."""
+    return [one.name for one in READERS.values() if key in one.keys]
+
+
+def known_options() -> Iterator[str]:
+    """Yield the names of all readers' options."""
+    yield from dict.fromkeys(key for one in READERS.values() for key in one.keys)
+
+
+def refuse_unknown_options(
+    options: Mapping[str, object], source: str, readers: Collection[Reader]
+) -> None:
+    """Refuse options that none of the readers knows.
+
+    Raises
+    ------
+    InputError
+        The message names the readers that know the first unknown option.
+    """
+    known = {key for one in readers for key in one.keys}
+    for key in options:
+        if key not in known:
+            here = " and ".join(dict.fromkeys(one.name for one in readers))
+            others = " and ".join(readers_with_option(key))
+            of = f"an option of reader {others}" if others else "not an option of any reader"
+            raise InputError(
+                f"[data] {key} is {of}, and {source} is read by {here}: remove {key}",
+                key=f"[data] {key}",
+            )

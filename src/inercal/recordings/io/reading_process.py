@@ -1,0 +1,97 @@
+"""The process that reads files for another (`isolation`).
+
+On Linux it forks for each file: what was imported stays, and each file finds a fresh process with
+all of its memory and time. Nothing else runs in it, so that a fork is safe. One that dies takes
+this one with it, whose exit status says why.
+"""
+
+import os
+import signal
+import warnings
+from collections.abc import Iterator
+from contextlib import suppress
+from errno import ENOMEM
+from importlib import import_module
+from io import FileIO
+from typing import Any, cast
+
+from inercal.basics.errors import InercalError
+from inercal.recordings.io.array_pipe import receive, send
+from inercal.recordings.io.damaged_files import refuse_damage
+from inercal.recordings.io.isolation import FORKS, ReadingAnswer, ReadingLimits, ReadingRequest
+
+_INPUT, _OUTPUT = 0, 1
+_SIGNALLED = 128  # and the signal, as shells count it
+
+
+def serve() -> None:
+    """Answer the requests on standard input until it ends."""
+    requests, answers = FileIO(_INPUT, "r"), FileIO(os.dup(_OUTPUT), "w")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), _OUTPUT)  # libraries print what they find
+    warnings.simplefilter("ignore")
+    while True:
+        try:
+            request: ReadingRequest = receive(requests)
+        except EOFError:
+            os._exit(0)
+        for name in request.isolation.libraries:
+            with suppress(Exception):  # the reader names what is missing
+                import_module(name)
+        if not FORKS:
+            _answer(request, answers)
+            os._exit(0)
+        if (process := os.fork()) == 0:
+            try:
+                _answer(request, answers)
+                os._exit(0)
+            finally:
+                os._exit(1)
+        status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+        if status:
+            os._exit(_SIGNALLED - status if status < 0 else status)
+
+
+def _answer(request: ReadingRequest, answers: FileIO) -> None:
+    """Send what the function of a request returns or yields, or why it does not."""
+    isolation, path = request.isolation, request.path
+    _set_limits(request.limits)
+    try:
+        with refuse_damage(path, isolation.kind, isolation.advice):
+            found: Any = request.function(path, *request.arguments)
+            results = cast(Iterator[Any], found) if isinstance(found, Iterator) else (found,)
+            for result in results:
+                _set_alarm(0)
+                send(answers, ReadingAnswer(result))
+                _set_alarm(request.limits.waited)
+    except (InercalError, ImportError, OSError, MemoryError) as error:
+        _set_alarm(0)
+        of_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == ENOMEM
+        send(answers, ReadingAnswer(error=MemoryError() if of_memory else error, last=True))
+    else:
+        send(answers, ReadingAnswer(last=True))
+
+
+def _set_limits(limits: ReadingLimits) -> None:
+    """Limit memory and time of this process, where the system can."""
+    _set_alarm(limits.waited)
+    with suppress(ImportError):
+        resource: Any = import_module("resource")
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        seconds = int(used.ru_utime + used.ru_stime) + limits.seconds
+        _set_limit(resource, resource.RLIMIT_CORE, 0)
+        _set_limit(resource, resource.RLIMIT_CPU, seconds)
+        with suppress(OSError):  # elsewhere than on Linux its own size is not known
+            with open("/proc/self/statm", encoding="ascii") as file:
+                size = int(file.read().split()[0]) * resource.getpagesize()
+            _set_limit(resource, resource.RLIMIT_AS, size + limits.memory)
+
+
+def _set_limit(resource: Any, kind: int, value: int) -> None:
+    most = resource.getrlimit(kind)[1]
+    resource.setrlimit(kind, (value if most == resource.RLIM_INFINITY else min(value, most), most))
+
+
+def _set_alarm(seconds: int) -> None:
+    """Have the system end this process after so many seconds; 0 for never."""
+    if hasattr(signal, "alarm"):
+        signal.alarm(seconds)

@@ -1,0 +1,162 @@
+"""Checks of the units of a sensor at rest: the accelerometers read gravity, the gyros their bias.
+
+Rests show no scale factor of gyros. Raw counts that are declared as °/s, or an analog output
+without its offset, look like a large bias and leave residuals that agree with the noise. The bound
+is the initial zero-rate output of a MEMS gyro of low grade, ±20 °/s at 25 °C (InvenSense, MPU-6000
+and MPU-6050 Product Specification, PS-MPU-6000A-00 rev. 3.4, section 6.1). A larger bias is
+possible, so that the check warns and does not refuse.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import degrees, radians
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.physics.sensors import G0, Sensor
+from inercal.recordings import Finding, Recording, sample_count
+from inercal.recordings.io.column_table import BLOCK_ROWS, row_blocks
+
+LARGEST_BIAS = radians(20.0)  # rad/s, of a gyro at rest
+_WINDOW_S = 0.5
+_QUIETEST = 0.1  # share of all windows
+_POSSIBLE = (0.5, 2.0)  # of gravity; beyond, the unit is wrong and not the sensor
+_USUAL = (0.9, 1.1)
+
+# Ratio of the norm to its true value: the unit that the columns look like, and the stated unit.
+_CONFUSIONS = {
+    1 / G0: ("g", "m/s²"),
+    G0: ("m/s²", "g"),
+    1000.0: ("mg", "g"),
+    1 / 1000: ("g", "mg"),
+    1000 / G0: ("mg", "m/s²"),
+    G0 / 1000: ("m/s²", "mg"),
+}
+_NEAR = 1.25  # factor within which a confusion is recognised; the ratios differ by far more
+
+
+def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
+    """Return a finding where the norm of accelerometer readings differs from the expected norm.
+
+    Parameters
+    ----------
+    norm, expected : float
+        m/s².
+    text : str
+        Begin of the message: both norms in words.
+
+    Returns
+    -------
+    Finding or None
+        Refused below half and above twice the expected norm, with the likely confusion of units; a
+        warning beyond 10 %.
+    """
+    ratio = norm / expected
+    if _USUAL[0] <= ratio <= _USUAL[1]:
+        return None
+    if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
+        return Finding("warning", "units", f"{text}: check the nominal scale")
+    near = (units for r, units in _CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
+    if (units := next(near, None)) is None:
+        advice = "check the units and the nominal scale of the columns in [sensor.accelerometer]"
+    else:
+        advice = (
+            f"the columns look like {units[0]} declared as {units[1]}: in [sensor.accelerometer] "
+            f'state unit = "{units[0]}", or a scale per {units[0]}'
+        )
+    return Finding("refused", "units", f"{text}: {advice}")
+
+
+def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Recording:
+    """Return the recording, with a finding where its norm at rest is not gravity.
+
+    Parameters
+    ----------
+    recording : Recording
+        A recording that rests somewhere, in any attitude.
+    sensor : Sensor
+        Its accelerometers, all of them channels of the recording, with their nominal readout.
+    gravity : float
+        Local gravity, m/s².
+    """
+    accelerometers = sensor.select_axes("f")
+    columns = [recording.channels.index(name) for name in accelerometers.channels]
+
+    def sensed(rows: slice) -> Array:
+        return accelerometers.to_si(recording.data[rows][:, columns])
+
+    norm = norm_at_rest(sensed, recording)
+    finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity))
+    if finding is None:
+        return recording
+    return replace(recording, findings=(*recording.findings, finding))
+
+
+def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding | None:
+    """Return the finding of `norm_finding` for means at rest.
+
+    Parameters
+    ----------
+    means : (r, m) array
+        Mean readings at rest in any attitude, SI by the nominal readout.
+    sensor : Sensor
+        Its accelerometers, a triad, are checked.
+    gravity : float
+        Local gravity, m/s².
+    """
+    columns = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    if not len(means) or not columns:
+        return None
+    norm = float(np.median(np.linalg.norm(means[:, columns], axis=-1)))
+    return norm_finding(norm, gravity, rest_norm_text(norm, gravity))
+
+
+def rest_norm_text(norm: float, gravity: float) -> str:
+    """Return both norms, m/s², in words."""
+    return f"specific force at rest is {norm:.4g} m/s² where gravity is {gravity:.5g} m/s²"
+
+
+def norm_at_rest(sensed: Callable[[slice], Array], recording: Recording) -> float:
+    """Return the median of the mean norms of the windows in which the norm varies least.
+
+    Parameters
+    ----------
+    sensed : callable
+        From rows of the recording to the accelerometers' readings, (k, m) m/s².
+    recording : Recording
+        Of n samples.
+    """
+    n = recording.time.size
+    window = max(2, min(sample_count(_WINDOW_S, recording.median_step), n))
+    scatter: list[Array] = []
+    mean: list[Array] = []
+    for rows in row_blocks(n // window * window, -(-BLOCK_ROWS // window) * window):
+        windows = np.linalg.norm(sensed(rows), axis=-1).reshape(-1, window)
+        scatter.append(windows.std(axis=1))
+        mean.append(windows.mean(axis=1))
+    spread = np.concatenate(scatter)
+    quiet = np.argsort(spread)[: max(1, round(_QUIETEST * spread.size))]
+    return float(np.median(np.concatenate(mean)[quiet]))
+
+
+def rate_finding(rates: Sequence[tuple[str, float]], advice: str) -> Finding | None:
+    """Return a warning about gyros that read more at rest than a bias that can be expected.
+
+    Parameters
+    ----------
+    rates : sequence of (str, float)
+        Those gyros in words, and what they read, rad/s.
+    advice : str
+        What else to do, after "check unit, scale and offset in [sensor.gyro]".
+    """
+    if not rates:
+        return None
+    numbers = [f"{degrees(rate):.3g}".replace("-", "−") for _, rate in rates]
+    listed = ", ".join(f"{rates[k][0]} {number} °/s" for k, number in enumerate(numbers))
+    text = (
+        f"at rest the gyros read {listed}, but a bias is seldom beyond "
+        f"±{degrees(LARGEST_BIAS):.0f} °/s: raw counts or volts that are declared as a rate look "
+        f"like this; check unit, scale and offset in [sensor.gyro]{advice}"
+    )
+    return Finding("warning", "units", text)

@@ -1,0 +1,226 @@
+"""Bags of ROS 1 (.bag) and ROS 2 (.db3, .mcap), through rosbags.
+
+A column is "topic.field": "/imu/data_raw.linear_acceleration.x". Readings are in SI, as ROS states
+them (REP 103, REP 145). Messages of types that ROS itself defines are read, by the definitions that
+rosbags has; definitions in the file would be code of another.
+"""
+
+import sys
+from array import array
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import closing
+from importlib import import_module
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.recordings.io.column_table import ReadRequest, Table
+from inercal.recordings.io.isolation import Isolation
+from inercal.recordings.io.message_columns import Messages, table_from_messages, wanted_topics
+from inercal.recordings.io.readers import Option, Reader
+from inercal.recordings.io.ros_chunks import (
+    BAG,
+    MCAP,
+    SQLITE,
+    check_bag,
+    check_mcap,
+    check_sqlite,
+)
+
+_IMU = "sensor_msgs/msg/Imu"
+_ZSTD = b"\x28\xb5\x2f\xfd"  # a message that was compressed by itself
+_LIBRARIES = ("rosbags.rosbag1", "rosbags.rosbag2", "rosbags.typesys")
+_DEEPEST = 8  # nested messages
+_READINGS = ("linear_acceleration", "angular_velocity")
+
+
+def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table:
+    """Read topics of a bag of ROS 1 or ROS 2.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : ReadRequest
+    stamp : "header" or "received"
+        Whose times: those that the driver stamped, or those at which the messages were recorded.
+
+    Raises
+    ------
+    InputError
+        A damaged bag, a topic or field that it lacks, or no stamps.
+    OSError
+        The file cannot be read.
+    """
+    if stamp not in ("header", "received"):
+        raise InputError(
+            f'{path.name}: [data] stamp is {stamp!r}; it is "header" or "received"',
+            key="[data] stamp",
+        )
+    with closing(_open(path)) as reader:
+        messages = list(_topics(path, reader, wanted, stamp))
+    return table_from_messages(path, messages, wanted)
+
+
+def _open(path: Path) -> Any:
+    """Return the opened reader of a file whose index is complete."""
+    with path.open("rb") as file:
+        head = file.read(len(SQLITE))
+    reader: Any
+    if head.startswith(BAG):
+        check_bag(path)
+        reader = import_module("rosbags.rosbag1").Reader(path)
+    else:
+        plugins = import_module("rosbags.rosbag2").Reader.STORAGE_PLUGINS
+        if head.startswith(MCAP):
+            check_mcap(path)
+            reader = plugins[".mcap"](path)
+        elif not head.startswith(SQLITE):
+            raise InputError(
+                f"{path.name} is not a ROS bag: it begins as neither a .bag, an .mcap nor a .db3 "
+                "file; name the file of the bag, or give a text file the suffix .csv",
+                file=path,
+            )
+        else:
+            check_sqlite(path)
+            # rosbags makes an address of the path.
+            reader = plugins[".db3"](Path(quote(str(path.absolute()))))
+    reader.open()
+    return reader
+
+
+def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterator[Messages]:
+    """Yield the messages of each wanted topic."""
+    by_topic: dict[str, list[Any]] = {}
+    for connection in reader.connections:
+        by_topic.setdefault(connection.topic, []).append(connection)
+    inertial = [name for name, some in by_topic.items() if some[0].msgtype == _IMU]
+    decode, definitions = _decoder(path)
+    used = wanted_topics(wanted, by_topic, inertial, path.name)
+    for topic in used:
+        kinds = {connection.msgtype for connection in by_topic[topic]}
+        fields = [] if len(kinds) > 1 else _number_fields(definitions, *kinds)
+        if not fields:
+            raise InputError(
+                f"{path.name}: topic {topic!r} holds {' and '.join(sorted(kinds))}, which has no "
+                "numbers that are read here; name a topic of sensor_msgs/msg/Imu",
+                names=(topic,),
+            )
+        if wanted.names is not None:
+            named = _wanted_fields(wanted.names, topic)
+            _refuse_unknown_fields(path, topic, named, fields)
+            fields = [field for field in fields if field in named]
+        yield _messages(path, reader, by_topic[topic], fields, stamp, decode)
+
+
+def _wanted_fields(names: Collection[str], topic: str) -> set[str]:
+    """Return the wanted fields of a topic."""
+    return {n.removeprefix(f"{topic}.") for n in names if n.startswith(f"{topic}.")}
+
+
+def _refuse_unknown_fields(path: Path, topic: str, named: set[str], fields: list[str]) -> None:
+    for field in sorted(named - set(fields)):
+        raise InputError(
+            f"{path.name} has no column {f'{topic}.{field}'!r}; of {topic} it has "
+            f"{', '.join(fields[:12])}",
+            names=(f"{topic}.{field}",),
+        )
+
+
+def _decoder(path: Path) -> tuple[Any, Mapping[str, Any]]:
+    """Return what decodes a message of the file's version of ROS, and the definitions of types."""
+    types: Any = import_module("rosbags.typesys")
+    with path.open("rb") as file:
+        first = file.read(len(BAG)) == BAG
+    kinds = types.Stores
+    store = types.get_typestore(kinds.ROS1_NOETIC if first else kinds.ROS2_HUMBLE)
+    return (store.deserialize_ros1 if first else store.deserialize_cdr), store.fielddefs
+
+
+def _number_fields(
+    definitions: Mapping[str, Any], kind: str, before: str = "", depth: int = 0
+) -> list[str]:
+    """Return the numbers of a type of message, those of nested messages included."""
+    if kind not in definitions or depth == _DEEPEST:
+        return []
+    found: list[str] = []
+    for name, (node, content) in definitions[kind][1]:
+        if node.name == "BASE" and content[0] not in ("string", "wstring"):
+            found.append(before + name)
+        elif node.name == "NAME":
+            found += _number_fields(definitions, content, f"{before}{name}.", depth + 1)
+    return found
+
+
+def _messages(
+    path: Path,
+    reader: Any,
+    connections: list[Any],
+    fields: list[str],
+    stamp: str,
+    decode: Any,
+) -> Messages:
+    """Return the messages of a topic, decoded one by one."""
+    topic, kind = connections[0].topic, connections[0].msgtype
+    times = array("q")
+    values = [array("d") for _ in fields]
+    getters = [attrgetter(field) for field in fields]
+    for _, received, raw in reader.messages(connections):
+        message = decode(_zstd().decompress(raw) if raw.startswith(_ZSTD) else raw, kind)
+        if not times:
+            _refuse_absent_readings(path, topic, message, fields)
+        times.append(received if stamp == "received" else _stamped(path, topic, message))
+        for column, get in zip(values, getters, strict=True):
+            column.append(get(message))
+    columns = {f: np.frombuffer(v) for f, v in zip(fields, values, strict=True)}
+    return Messages(topic, np.frombuffer(times, np.int64), columns)
+
+
+def _zstd() -> Any:
+    """Return the library that rosbags uses too; Python has it from 3.14 on."""
+    return import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
+
+
+def _stamped(path: Path, topic: str, message: Any) -> int:
+    """Return the time in the header of a message, ns."""
+    header = getattr(message, "header", None)
+    ns = 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
+    if ns == 0:
+        raise InputError(
+            f"{path.name}: messages of {topic!r} have no time in their header: state stamp = "
+            '"received" in [data] for the times at which they were recorded',
+            key="[data] stamp",
+            names=(topic,),
+        )
+    return ns
+
+
+def _refuse_absent_readings(path: Path, topic: str, message: Any, fields: list[str]) -> None:
+    """Refuse readings whose covariance begins with −1: the driver does not measure them."""
+    for name in _READINGS:
+        covariance = getattr(message, f"{name}_covariance", None)
+        if covariance is None or not any(field.startswith(name) for field in fields):
+            continue
+        if covariance[0] == -1:
+            raise InputError(
+                f"{path.name}: messages of {topic!r} state that they have no {name} (its "
+                "covariance begins with -1): name the topic of the sensor that measures it",
+                names=(topic,),
+            )
+
+
+READER = Reader(
+    "rosbag",
+    read_rosbag,
+    content=((0, BAG), (0, MCAP), (0, SQLITE)),
+    suffixes=(".bag", ".db3", ".mcap"),
+    options=(
+        Option(
+            "stamp", str, "header", '"header" for the times of the driver, "received" for others'
+        ),
+    ),
+    isolation=Isolation("a ROS bag", "repair or record it again", _LIBRARIES, "ros"),
+)

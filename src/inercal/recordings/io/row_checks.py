@@ -1,0 +1,133 @@
+"""Checks of the rows of a recording: finite numbers, order of time, rows that repeat.
+
+Each returns findings, and which samples to keep in which order where it changes that.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.recordings import Finding, Indices, Recording
+from inercal.recordings.io.column_table import TOO_LARGE, row_blocks
+
+SampleLocator = Callable[[int], str]
+"""Names the place of a sample in the file."""
+
+
+class RowCheck(NamedTuple):
+    """What a check found; None keeps all samples."""
+
+    findings: list[Finding]
+    keep: Indices | None = None
+
+
+def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> RowCheck:
+    """Refuse rows with NaN or infinity, or drop them."""
+    columns: dict[str, Array] = {"time": recording.time}
+    columns |= {name: recording.data[:, k] for k, name in enumerate(recording.channels)}
+    columns |= recording.readback
+    if recording.temperature is not None:
+        columns["temperature"] = recording.temperature
+    rows = np.zeros(recording.time.size, np.bool_)
+    for values in columns.values():
+        rows |= ~is_usable(values)
+    count = int(rows.sum())
+    if count == 0:
+        return RowCheck([])
+    first = int(np.argmax(rows))
+    name = next(
+        name for name, values in columns.items() if not is_usable(values[first : first + 1]).all()
+    )
+    kind = (
+        "a finite number"
+        if not np.isfinite(columns[name][first])
+        else f"a number below {TOO_LARGE:g}"
+    )
+    text = f"{_row_count_text(count)} without {kind}, the first {name} at {where(first)}"
+    if drop and count < rows.size:
+        return RowCheck(
+            [Finding("warning", "nonfinite", f"{text}: dropped")], np.flatnonzero(~rows)
+        )
+    advice = "no other row is left" if drop else 'remove them, or state nonfinite = "drop"'
+    return RowCheck([Finding("refused", "nonfinite", f"{text}: {advice}", name, first, first + 1)])
+
+
+def is_usable(values: Array) -> NDArray[np.bool_]:
+    """Return which values are finite and small enough to be squared and summed."""
+    return (values > -TOO_LARGE) & (values < TOO_LARGE)
+
+
+def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
+    """Refuse time that decreases, but sort sections stored by label by time."""
+    time = recording.time
+    back = np.flatnonzero(time[1:] < time[:-1])
+    if recording.time.size < 2:
+        return RowCheck([Finding("refused", "order", "there is one sample only: record again")])
+    if not back.size:
+        return RowCheck([])
+    labels = recording.labels
+    if labels is not None and (labels[back] != labels[back + 1]).all():
+        start = np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1])
+        place = np.argsort(np.argsort(recording.time[start]))  # of each section, in time
+        length = np.diff(start, append=labels.size)
+        keep = np.argsort(np.repeat(place, length), kind="stable")
+        if (np.diff(recording.time[keep]) >= 0).all():
+            text = f"{start.size} labelled sections were not stored by time: they are sorted"
+            return RowCheck([Finding("note", "order", text)], keep)
+    worst = int(back[0])
+    others = f", and at {back.size - 1} more places" if back.size > 1 else ""
+    text = (
+        f"time decreases by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: "
+        "the clock was reset or two files were joined; split the file there"
+    )
+    return RowCheck([Finding("refused", "order", text, None, worst + 1, worst + 2)])
+
+
+def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
+    """Drop rows that repeat the row before; refuse two different rows of one time."""
+    same_time = np.flatnonzero(recording.time[1:] == recording.time[:-1])
+    if not same_time.size:
+        return RowCheck([])
+    same = np.concatenate(
+        [_repeats_previous_row(recording, same_time[k]) for k in row_blocks(same_time.size)]
+    )
+    if not same.all():
+        first = int(same_time[np.argmin(same)])
+        span = float(recording.time[-1] - recording.time[0])
+        rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
+        text = (
+            f"{_row_count_text(int((~same).sum()))} with the time of the row before and other "
+            f"readings, the first at {where(first + 1)}: the time stamps are too coarse, so state "
+            f"[data] rate{rate} in place of the time column"
+        )
+        return RowCheck([Finding("refused", "repeated", text, None, first + 1, first + 2)])
+    kept = np.ones(recording.time.size, np.bool_)
+    kept[same_time + 1] = False
+    if kept.sum() < 2:
+        text = "all rows are the same: neither the time nor a reading changes; record again"
+        return RowCheck([Finding("refused", "repeated", text)])
+    text = (
+        f"{_row_count_text(same_time.size)} repeated, the first at "
+        f"{where(int(same_time[0]) + 1)}: dropped"
+    )
+    return RowCheck([Finding("note", "repeated", text)], np.flatnonzero(kept))
+
+
+def _repeats_previous_row(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
+    """Return whether the row after each of some samples repeats it."""
+    before, after = recording.take(samples), recording.take(samples + 1)
+    same = (before.data == after.data).all(axis=1)
+    if before.labels is not None and after.labels is not None:
+        same &= before.labels == after.labels
+    if before.temperature is not None and after.temperature is not None:
+        same &= before.temperature == after.temperature
+    for name in recording.readback:
+        same &= before.readback[name] == after.readback[name]
+    return same
+
+
+def _row_count_text(count: int) -> str:
+    return f"{count} row" + ("s" if count != 1 else "")

@@ -1,0 +1,119 @@
+"""Recordings that have a file for each section: "rest_*.csv" for rest_x_p.csv, rest_x_a.csv, ….
+
+The text in place of the star is the label of all samples of a file. Where the times of the files do
+not overlap they are of one clock; otherwise each file has times of its own, and the files are put
+one after the other: what passed between them is not known.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.recordings import Finding, Recording
+from inercal.recordings.io.audit import audit, audit_rows, require_accepted
+from inercal.recordings.io.file_patterns import matching_files
+from inercal.recordings.io.read import read_unaudited
+from inercal.recordings.io.table_recording import Columns
+
+_PAUSE_S = 1.0  # between files with times of their own
+
+
+def read_sections(
+    pattern: Path,
+    columns: Columns,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+) -> Recording:
+    """Read the files of a pattern as one audited recording, with their labels.
+
+    Parameters
+    ----------
+    pattern : Path
+    columns : Columns
+        Of each file; without `label` and `second`.
+    limits : mapping of channel to (lowest, highest), optional
+        See `inercal.recordings.io.audit.audit`.
+
+    Raises
+    ------
+    InputError
+        No file, a file that cannot be read, or the audit refuses the recording.
+    """
+    for key, stated in (("label", columns.label), ("gyro_file", columns.second or None)):
+        if stated is not None:
+            raise InputError(
+                f"{pattern}: with a file for each section, [data] {key} has no use; remove {key}",
+                file=pattern,
+                key=f"[data] {key}",
+            )
+    parts: dict[str, Recording] = {}
+    for label, path in matching_files(pattern).items():
+        read = read_unaudited(path, columns)
+        columns = replace(columns, origin=read.origin)  # times count from the first file's first
+        # Channels may be constant in a short rest: they are judged together.
+        parts[label] = require_accepted(audit_rows(read, columns.nonfinite, in_place=True))
+    joined = _join(pattern.name, parts)
+    return require_accepted(audit(joined, columns.nonfinite, limits, in_place=True))
+
+
+def _join(source: str, parts: Mapping[str, Recording]) -> Recording:
+    """Return the samples of all files, by time where their times do not overlap."""
+    ordered = sorted(parts.items(), key=lambda one: float(one[1].time[0]))
+    some = [part for _, part in ordered]
+    findings = [
+        replace(finding, message=f"{part.source}: {finding.message}", start=None, stop=None)
+        for part in some
+        for finding in part.findings
+        if finding.severity == "warning" and finding.what == "nonfinite"
+    ]
+    start = float(some[0].time[0])  # before the origin, where a later file was read first
+    times = [part.time - start for part in some]
+    first_stamp = some[0].first_stamp + start
+    if any(one[-1] >= two[0] for one, two in pairwise(times)):
+        ordered = list(parts.items())
+        some = [part for _, part in ordered]
+        times, first_stamp = _one_after_the_other(times), 0.0
+        text = (
+            f"the {len(some)} files of {source} have times of their own and are put one after the "
+            f"other, {_PAUSE_S:g} s apart: how long it took from one to the next is not known"
+        )
+        findings.append(Finding("note", "sections", text))
+    digest = sha256("".join(f"{label} {part.sha256}\n" for label, part in ordered).encode())
+    temperatures = [part.temperature for part in some if part.temperature is not None]
+    texts = dict.fromkeys(part.kept_corrections for part in some if part.kept_corrections)
+    return replace(
+        some[0],
+        time=np.concatenate(times),
+        data=np.concatenate([part.data for part in some]),
+        labels=np.repeat([label for label, _ in ordered], [t.size for t in times]),
+        temperature=np.concatenate(temperatures) if temperatures else None,
+        readback={
+            name: np.concatenate([part.readback[name] for part in some])
+            for name in some[0].readback
+        },
+        findings=tuple(findings),
+        source=source,
+        sha256=digest.hexdigest(),
+        first_row=0,
+        line_breaks=(),
+        original=None,
+        origin=None,
+        first_stamp=first_stamp,
+        kept_corrections="; ".join(texts),
+        simulation=next((part.simulation for part in some if part.simulation), ""),
+    )
+
+
+def _one_after_the_other(times: Sequence[Array]) -> list[Array]:
+    """Return the times of files, each from the end of the file before it."""
+    moved: list[Array] = []
+    start = 0.0
+    for time in times:
+        moved.append(time - time[0] + start)
+        start = float(moved[-1][-1]) + _PAUSE_S
+    return moved

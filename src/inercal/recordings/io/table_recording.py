@@ -1,0 +1,249 @@
+"""The columns of a table as a recording: what each column holds, and the times of the samples."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor, to_si
+from inercal.recordings import Recording
+from inercal.recordings.io.audit import NonfinitePolicy
+from inercal.recordings.io.column_table import ReadRequest, Table
+from inercal.recordings.io.time_stamps import (
+    is_iso_time,
+    require_unit,
+    times_from_counter,
+    times_from_iso,
+    times_from_origin,
+)
+from inercal.recordings.temperature_readout import CELSIUS, TemperatureReadout
+
+_NS = 10**9
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What each column of a file holds.
+
+    Parameters
+    ----------
+    channels : tuple of (axis, column, unit)
+        The axes of the sensor, in its order, each with its column and the column's unit.
+    time : str or None
+        Column of time stamps; None where samples come at `rate_hz`.
+    time_unit : str or None
+        Stated unit of the time column; "sample" for a counter of samples. None where no unit is
+        stated: the stamps are then read as s.
+    rate_hz : float or None
+        Samples per second, where there is no time column or where it counts samples.
+    modulus : int or None
+        Number of values of a counter of samples that restarts at 0.
+    time_keys : (str, str or None)
+        Keys of a run file that a message names: the unit of the time column, and the rate that may
+        replace the column.
+    origin : Fraction or None
+        Time 0 by the clock of the stamps, ns, since 1970 of dates; None for the first row's time,
+        which 0 means too for dates.
+    label : str or None
+        Column that names the section of each sample.
+    temperature : str or None
+        Column of temperature.
+    thermometer : TemperatureReadout
+        How it states temperatures.
+    readback : tuple of (name, column, unit)
+        Quantities that the bench measured itself.
+    nonfinite : "refuse" or "drop"
+        What to do with rows that hold NaN or infinity.
+    second : tuple of (axis, column, unit)
+        Further channels, in a second file whose rows are the same samples; where there is a time
+        column, both files have it.
+    second_time : str or None
+        Column of times in the second file, where its samples come at times of their own: to each
+        sample of the file with fewer of them comes the other's nearest in time.
+    options : mapping of str to object
+        Options of the readers of these files (`inercal.recordings.io.readers`).
+
+    Raises
+    ------
+    InputError
+        An unknown unit, `rate_hz` missing or contradicting a time column, `modulus` without a
+        counter, or a column used twice.
+    """
+
+    channels: tuple[tuple[str, str, str], ...]
+    time: str | None = None
+    time_unit: str | None = None
+    rate_hz: float | None = None
+    label: str | None = None
+    temperature: str | None = None
+    thermometer: TemperatureReadout = CELSIUS
+    readback: tuple[tuple[str, str, str], ...] = ()
+    nonfinite: NonfinitePolicy = "refuse"
+    second: tuple[tuple[str, str, str], ...] = ()
+    modulus: int | None = None
+    time_keys: tuple[str, str | None] = ("time_unit", "rate")
+    origin: Fraction | None = None
+    second_time: str | None = None
+    options: Mapping[str, object] = field(default_factory=dict[str, object])
+
+    def __post_init__(self) -> None:
+        for _, _, unit in (*self.channels, *self.second):
+            si_factor(unit)
+        counted = self.time is None or self.time_unit == "sample"
+        if counted and self.rate_hz is None:
+            reason = "there is no time column" if self.time is None else "time counts samples"
+            raise InputError(f"rate_hz is missing: {reason}; give rate_hz", key="rate_hz")
+        if not counted and self.rate_hz is not None:
+            raise InputError(
+                f"rate_hz and a time column in {self.time_unit or 's'!r} are both stated: remove "
+                "one of the two",
+                key="rate_hz",
+            )
+        if self.modulus is not None and (self.time is None or not counted):
+            raise InputError(
+                f"modulus {self.modulus} is for a time column that counts samples; remove modulus",
+                key="modulus",
+            )
+        if self.second_time is not None and (counted or not self.second):
+            raise InputError(
+                "second_time is for a second file, and needs a column of times in the first; "
+                "remove second_time",
+                key="second_time",
+            )
+        if self.rate_hz is not None and not 0 < self.rate_hz < np.inf:
+            raise InputError(f"rate_hz is {self.rate_hz:g}; it must be positive", key="rate_hz")
+        for channels in (self.channels, self.second):  # two files may use the same names
+            columns = [column for _, column, _ in channels]
+            for column in columns:
+                if columns.count(column) > 1:
+                    raise InputError(
+                        f"column {column!r} is stated for several channels; give each its own "
+                        "column",
+                        names=(column,),
+                    )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The used columns of the first file."""
+        single = (self.time, self.label, self.temperature)
+        many = (column for _, column, _ in (*self.channels, *self.readback))
+        return tuple(dict.fromkeys([*(name for name in single if name is not None), *many]))
+
+    @property
+    def stamps(self) -> tuple[str, ...]:
+        """The column of times, if any, which is read without a loss of digits."""
+        return () if self.time is None else (self.time,)
+
+
+class SampleTimes(NamedTuple):
+    """Times of samples, (n,) s from the origin on; see `Recording` for the others."""
+
+    time: Array
+    origin: Fraction | None = None
+    first_stamp: float = 0.0
+
+
+def read_request(columns: Columns) -> ReadRequest:
+    """Return what to read of the first file, with a place for the columns of the second."""
+    label = () if columns.label is None else (columns.label,)
+    together = tuple(column for _, column, _ in columns.channels)
+    return ReadRequest(columns.names, label, together, len(columns.second), columns.stamps)
+
+
+def recording_from_table(table: Table, columns: Columns) -> Recording:
+    """Return a table as a recording that is not audited; columns of a second file are empty.
+
+    Parameters
+    ----------
+    table : Table
+        Read by `read_request`.
+    columns : Columns
+
+    Raises
+    ------
+    InputError
+        A column of text where numbers are needed, times that cannot be read, or a temperature that
+        is not possible.
+    """
+    data = number_block(table, tuple(column for _, column, _ in columns.channels))
+    labels = None if columns.label is None else table.columns[columns.label].astype(np.str_)
+    temperature = None
+    if columns.temperature is not None:
+        temperature = columns.thermometer.possible_kelvin(
+            table.numbers(columns.temperature), columns.temperature, table.place, table.source
+        )
+    time, origin, first_stamp = sample_times(table, columns, len(data))
+    channels = columns.channels + columns.second
+    return Recording(
+        time=time,
+        data=data,
+        channels=tuple(axis for axis, _, _ in channels),
+        units=tuple(unit for _, _, unit in channels),
+        labels=labels,
+        temperature=temperature,
+        readback={
+            name: to_si(table.numbers(column), unit, like=unit)
+            for name, column, unit in columns.readback
+        },
+        source=table.source,
+        sha256=table.sha256,
+        first_row=table.first_line,
+        line_breaks=table.line_breaks,
+        origin=origin,
+        first_stamp=first_stamp,
+        kept_corrections=table.kept_corrections,
+        devices=table.devices,
+        simulation=table.simulation,
+    )
+
+
+def number_block(table: Table, together: tuple[str, ...]) -> Array:
+    """Return the block of these columns; refuse a column of text."""
+    for column in together:
+        table.numbers(column)
+    assert table.block is not None  # the request has block columns
+    return table.block
+
+
+def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
+    """Return the times of a table's samples, counted from `columns.origin` or the first row."""
+    name = columns.time
+    if name is not None and columns.rate_hz is None and _holds_dates(table, name):
+        if columns.time_unit is not None:
+            raise InputError(
+                f"{table.source}: column {name!r} holds ISO 8601 times, which have no unit: remove "
+                f"{columns.time_keys[0]}",
+                file=table.source,
+                key=columns.time_keys[0],
+                names=(name,),
+            )
+        cells: list[str] = table.columns[name].tolist()
+        return SampleTimes(*times_from_iso(cells, name, table, columns.origin or None))
+    if name is None:
+        return SampleTimes(np.arange(n, dtype=np.float64) / (columns.rate_hz or 1.0))
+    counter = table.stamps(name)
+    if columns.rate_hz is not None and columns.modulus is not None:
+        try:
+            return SampleTimes(times_from_counter(counter, columns.modulus, columns.rate_hz))
+        except InputError as error:
+            raise error.located(table.source, file=table.source) from None
+    if columns.rate_hz is not None:
+        rate = Fraction(columns.rate_hz)
+        origin = None if columns.origin is None else columns.origin * rate
+        count, start = times_from_origin(counter, 1.0, origin)
+        return SampleTimes(count / columns.rate_hz, start / rate, float(start / rate / _NS))
+    require_unit(counter, name, columns.time_unit, table.source, columns.time_keys)
+    before = table.time_zero or Fraction(0)
+    origin = None if columns.origin is None else columns.origin - before
+    time, start = times_from_origin(counter, si_factor(columns.time_unit or "s", like="s"), origin)
+    return SampleTimes(time, start + before, float(start / _NS))
+
+
+def _holds_dates(table: Table, name: str) -> bool:
+    """Return whether a column is text whose first cell is a date with a time."""
+    column = table.columns[name]
+    return column.dtype.kind == "U" and column.size > 0 and is_iso_time(str(column[0]))

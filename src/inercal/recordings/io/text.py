@@ -1,0 +1,299 @@
+"""CSV, tab, semicolon and white-space separated text.
+
+Long plain files are parsed by pyarrow (`plain_numbers`), all others by NumPy's C parser, some rows
+at a time. Only where that fails, Python reads the lines to name the line, the column and the text
+that are wrong.
+"""
+
+import re
+import warnings
+from collections.abc import Collection, Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.errors import InputError
+from inercal.basics.line_numbers import LineBreaks
+from inercal.recordings.io.column_table import (
+    BLOCK_ROWS,
+    Array,
+    Column,
+    ReadRequest,
+    Table,
+    label_array,
+    select_columns,
+    shorten,
+)
+from inercal.recordings.io.plain_numbers import load_plain
+from inercal.recordings.io.readers import Option, Reader
+from inercal.recordings.io.text_layout import (
+    TextLayout,
+    column_count_text,
+    refuse_sheet_error,
+    sniff,
+)
+from inercal.recordings.io.text_scan import scan
+
+_LARGEST_EXACT = 2.0**53  # below, float64 holds every whole number
+_MOST_BREAKS = 10_000  # of the lines, as by blank lines and comments between rows
+
+
+def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
+    """Read a table of text.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8 text, any line ends, comments after # or %, with or without a header.
+    wanted : ReadRequest
+    skip : int
+        Lines at the begin that are left out.
+
+    Raises
+    ------
+    InputError
+        The file is not such text, or a wanted column cannot be read.
+    OSError
+        The file cannot be read.
+    """
+    found = scan(path)
+    if skip < 0:
+        raise InputError(f"[data] skip is {skip}; it counts lines, 0 or more", key="[data] skip")
+    layout = sniff(path, skip)
+    names = select_columns(layout.names, wanted.names, path.name)
+    words = {k for k, name in enumerate(layout.names) if name in names} & (
+        layout.text_columns | {k for k, name in enumerate(layout.names) if name in wanted.text}
+    )
+    numbers = {k for k, name in enumerate(layout.names) if name in names} - words
+    blank, block = wanted.empty_columns(
+        found.line_bound, [layout.names[k] for k in sorted(numbers)]
+    )
+    places = {str(k): blank[layout.names[k]] for k in numbers}
+    try:
+        labels, n = load_plain(path, layout, places, words) or _load(
+            path, layout, places, words, fill=set()
+        )
+    except _RowError as error:
+        # The parser's count of rows is only a hint: where to look first.
+        for skip in (error.row - 2, 0):
+            if _check_cells(path, layout, numbers, skip, found.lines):
+                break
+        else:
+            raise InputError(f"{path.name}: {shorten(str(error), 120)}") from error
+        try:
+            labels, n = _load(path, layout, places, words, fill=numbers)
+        except _RowError as again:
+            raise InputError(f"{path.name}: {shorten(str(again), 120)}") from again
+    read: dict[str, Column] = {}
+    for name in names:
+        k = layout.names.index(name)
+        read[name] = labels[k] if k in words else blank[name][:n]
+        if name in wanted.whole and k not in words and _exceeds_float(blank[name][:n]):
+            read[name] = _whole_numbers(path, layout, k, blank[name][:n])
+    # With comments and blank lines between the data, row k is not line first_line + k.
+    rows_are_lines = layout.first_line + n - 1 == found.lines
+    breaks = () if rows_are_lines else _line_breaks(path, layout, n)
+    first_line = layout.first_line if rows_are_lines else 0
+    return Table(
+        layout.names,
+        read,
+        path.name,
+        found.sha256,
+        first_line,
+        layout.header,
+        block=block[:n],
+        line_breaks=breaks,
+    )
+
+
+def _exceeds_float(values: Array) -> bool:
+    """Return whether a number may have more digits than float64 holds."""
+    return bool(np.abs(values).max(initial=0.0) > _LARGEST_EXACT)
+
+
+def _whole_numbers(path: Path, layout: TextLayout, column: int, read: Array) -> Column:
+    """Return a column as int64; as it was read where not all of its cells are whole numbers."""
+    with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # of a cell such as 1.7e18
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            whole = np.loadtxt(
+                _lines(file, layout, set()),
+                dtype=np.int64,
+                delimiter=layout.delimiter,
+                comments=layout.comment,
+                quotechar='"' if layout.quoted else None,
+                usecols=column,
+                ndmin=1,
+            )
+        except (ValueError, OverflowError, DeprecationWarning):
+            return read
+    return whole if whole.shape == read.shape else read
+
+
+class _RowError(ValueError):
+    """NumPy's message on a row that it cannot read, and about which row it is."""
+
+    def __init__(self, message: str, row: int):
+        super().__init__(message)
+        self.row = row
+
+
+def _load(
+    path: Path, layout: TextLayout, places: Mapping[str, Array], words: set[int], fill: set[int]
+) -> tuple[dict[int, NDArray[np.str_]], int]:
+    """Read numbers into `places`; return the columns of words, and the number of rows."""
+    parts: dict[int, list[NDArray[np.str_]]] = {k: [] for k in words}
+    n = 0
+    for rows in _chunks(path, layout, places, words, fill):
+        for k, place in places.items():
+            place[n : n + rows.size] = rows[k]
+        for k, part in parts.items():
+            cells = [cell.strip() for cell in rows[str(k)].tolist()]
+            part.append(label_array(cells, layout.names[k], path.name))
+        n += rows.size
+    return {k: np.concatenate(part) for k, part in parts.items()}, n
+
+
+def _chunks(
+    path: Path, layout: TextLayout, numbers: Collection[str], words: set[int], fill: set[int]
+) -> Iterator[NDArray[np.void]]:
+    """Yield structured arrays of some rows; columns that are not wanted are single letters."""
+    kinds = {
+        k: "f8" if str(k) in numbers else "O" if k in words else "U1" for k in _column_range(layout)
+    }
+    n = 0
+    with path.open(encoding="utf-8-sig") as file:
+        lines = _lines(file, layout, fill)
+        while n % BLOCK_ROWS == 0:
+            try:
+                with warnings.catch_warnings():  # of blank lines, and of a last chunk without rows
+                    warnings.simplefilter("ignore", UserWarning)
+                    rows = np.loadtxt(
+                        lines,
+                        dtype=np.dtype([(str(k), kind) for k, kind in kinds.items()]),
+                        delimiter=layout.delimiter,
+                        comments=layout.comment,
+                        quotechar='"' if layout.quoted or words else None,
+                        max_rows=BLOCK_ROWS,
+                        ndmin=1,
+                    )
+            except ValueError as error:
+                near = re.search(r"at row (\d+)", str(error))
+                raise _RowError(str(error), n + (int(near[1]) if near else 0)) from error
+            if rows.size == 0:
+                return
+            yield rows
+            n += rows.size
+
+
+def _column_range(layout: TextLayout) -> range:
+    return range(len(layout.names))
+
+
+def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[str]:
+    """Return the lines of data as the parser needs them: decimal points, no empty number."""
+    lines = islice(file, layout.first_line - 1, None)
+    if layout.decimal_comma:
+        lines = (line.replace(",", ".") for line in lines)
+    separator = layout.delimiter
+    if separator is None or not fill:
+        return lines
+
+    def filled(line: str) -> str:
+        content = layout.content(line)
+        if not content:
+            return line
+        quoted = '"' in content
+        cells = layout.cells(line) if quoted else content.split(separator)
+        return separator.join(
+            "nan" if k in fill and not cell.strip() else _quoted_cell(cell) if quoted else cell
+            for k, cell in enumerate(cells)
+        )
+
+    return map(filled, lines)
+
+
+def _quoted_cell(cell: str) -> str:
+    """Return the cell in quotation marks, those inside it doubled."""
+    return '"' + cell.replace('"', '""') + '"'
+
+
+def _check_cells(
+    path: Path, layout: TextLayout, numbers: set[int], skip: int, last_line: int
+) -> bool:
+    """Refuse the first wrong line; return whether there are empty cells to fill.
+
+    Raises
+    ------
+    InputError
+        A row with another number of columns, or a word in a column of numbers.
+    """
+    expected = len(layout.names)
+    empty = False
+    with path.open(encoding="utf-8-sig") as file:
+        numbered = islice(enumerate(file, 1), layout.first_line - 1 + max(skip, 0), None)
+        for number, line in numbered:
+            if not layout.content(line):
+                continue
+            if "#" in line:
+                refuse_sheet_error(line, layout.delimiter, number, path.name)
+            cells = layout.cells(line)
+            if len(cells) != expected:
+                truncated = number == last_line and len(cells) < expected
+                advice = (
+                    "the file may be truncated: remove the line or record again"
+                    if truncated
+                    else "repair or remove the line"
+                )
+                raise InputError(
+                    f"{path.name} line {number}: {column_count_text(len(cells))} where "
+                    f"{layout.name_source} has {expected}; {advice}",
+                    line=number,
+                )
+            for k in numbers:
+                if not cells[k]:
+                    empty = True
+                elif not layout.is_number(cells[k]):
+                    raise InputError(
+                        f"{path.name} line {number}, column {shorten(layout.names[k])!r}: "
+                        f"{shorten(cells[k])!r} is not a number; correct the cell or remove the "
+                        "line",
+                        line=number,
+                        names=(layout.names[k],),
+                    )
+    return empty
+
+
+def _line_breaks(path: Path, layout: TextLayout, rows: int) -> LineBreaks:
+    """Return the rows that do not follow the line before, with their lines; none for very many.
+
+    Raises
+    ------
+    InputError
+        An open quotation mark, which joins several lines to one row.
+    """
+    breaks: list[tuple[int, int]] = []
+    row, before = 0, -1
+    with path.open(encoding="utf-8-sig") as file:
+        for number, line in islice(enumerate(file, 1), layout.first_line - 1, None):
+            if not layout.content(line):
+                continue
+            if number != before + 1 and len(breaks) <= _MOST_BREAKS:
+                breaks.append((row, number))
+            row, before = row + 1, number
+    if row != rows:
+        raise InputError(
+            f"{path.name}: {row} lines of data give {rows} rows: a quotation mark is not closed; "
+            "close or remove it"
+        )
+    return tuple(breaks) if len(breaks) <= _MOST_BREAKS else ()
+
+
+READER = Reader(
+    "text",
+    read_text,
+    options=(Option("skip", int, 0, "lines at the begin of a text file that are left out"),),
+)

@@ -1,0 +1,141 @@
+"""A first pass over the raw bytes of a text file: its hash, its lines, and what is not text.
+
+It reads in blocks: a file that cannot be used, however large, takes little time and memory.
+"""
+
+import codecs
+import hashlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+
+BLOCK_BYTES = 1 << 22  # bytes
+LONGEST_LINE = 1_000_000  # bytes
+_UTF16_SAMPLE = 16  # bytes
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+class Scan(NamedTuple):
+    """Result of one pass over a text file.
+
+    Parameters
+    ----------
+    sha256 : str
+        In hexadecimal.
+    lines : int
+        Number of the last line that is not blank (1-based).
+    line_bound : int
+        Upper bound of the number of lines: a lone carriage return may end a line.
+    """
+
+    sha256: str
+    lines: int
+    line_bound: int
+
+
+def scan(path: Path) -> Scan:
+    """Read the bytes of a text file once.
+
+    Raises
+    ------
+    InputError
+        An empty file, binary data, text that is not UTF-8, or a line above `LONGEST_LINE`.
+    OSError
+        The file cannot be read.
+    """
+    digest = hashlib.sha256()
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    complete = 0  # lines ended in the blocks before
+    last = 0  # last line that is not blank
+    unfinished = 0  # bytes of the line that the block before left open
+    newline = b""
+    ends_of_all_kinds = 0
+    with path.open("rb") as file:
+        while block := file.read(BLOCK_BYTES):
+            digest.update(block)
+            if not newline:
+                _refuse_utf16(block, path.name)
+                newline = b"\n" if b"\n" in block else b"\r"
+            if (at := block.find(b"\0")) >= 0:
+                line = complete + block.count(newline, 0, at) + 1
+                _refuse_utf16_without_mark(block, complete, path.name)
+                raise InputError(
+                    f"{path.name} line {line}: binary data where text is expected; export the "
+                    "file as text",
+                    line=line,
+                )
+            _refuse_other_encodings(decoder, block, complete, newline, path.name)
+            unfinished = _refuse_long_line(block, newline, unfinished, complete, path.name)
+            ends = _count(block, newline)
+            if text := block.rstrip():
+                last = complete + ends - block.count(newline, len(text)) + 1
+            complete += ends
+            ends_of_all_kinds += ends
+            other = b"\r" if newline == b"\n" else b"\n"
+            if other in block:
+                ends_of_all_kinds += _count(block, other) - block.count(b"\r\n")
+    _refuse_other_encodings(decoder, None, complete, newline, path.name)
+    if last == 0:
+        raise InputError(f"{path.name} is empty: record or export it again")
+    return Scan(digest.hexdigest(), last, ends_of_all_kinds + 1)
+
+
+def _count(block: bytes, byte: bytes) -> int:
+    """Return how often a byte occurs: `bytes.count` takes many times as long for frequent ones."""
+    return int(np.count_nonzero(np.frombuffer(block, np.uint8) == ord(byte)))
+
+
+def _refuse_long_line(
+    block: bytes, newline: bytes, unfinished: int, complete: int, name: str
+) -> int:
+    """Refuse a line above `LONGEST_LINE`; return the bytes of the line that the block leaves open.
+
+    From one line end to the last one within reach: lines are short, so that few are looked at.
+    """
+    end = -1 - unfinished  # of a line, relative to the block
+    while end + LONGEST_LINE < len(block):
+        further = block.rfind(newline, max(end + 1, 0), end + LONGEST_LINE + 1)
+        if further < 0:
+            line = complete + block.count(newline, 0, max(end + 1, 0)) + 1
+            raise InputError(
+                f"{name} line {line}: more than {LONGEST_LINE} bytes without a line end; "
+                "write each sample as a line of text",
+                line=line,
+            )
+        end = further
+    last = block.rfind(newline)
+    return len(block) - 1 - (end if last < 0 else last)
+
+
+def _refuse_utf16(block: bytes, name: str) -> None:
+    if block.startswith(_UTF16):
+        raise InputError(f"{name} is UTF-16 text; save it as UTF-8")
+
+
+def _refuse_utf16_without_mark(block: bytes, lines: int, name: str) -> None:
+    """Refuse ASCII in UTF-16: a zero byte with each letter, at the begin of the file."""
+    pairs = block[:_UTF16_SAMPLE]
+    if lines or len(pairs) < _UTF16_SAMPLE:
+        return
+    for zeros, letters in ((pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2])):
+        if not any(zeros) and all(letters):
+            raise InputError(f"{name} is UTF-16 text; save it as UTF-8")
+
+
+def _refuse_other_encodings(
+    decoder: codecs.IncrementalDecoder, block: bytes | None, lines: int, newline: bytes, name: str
+) -> None:
+    if block is not None and block.isascii() and not decoder.getstate()[0]:
+        return
+    try:
+        decoder.decode(block or b"", final=block is None)
+    except UnicodeDecodeError as error:
+        line = lines + error.object.count(newline, 0, error.start) + 1
+        raise InputError(
+            f"{name} line {line}: byte {error.object[error.start]:#04x} is not UTF-8 text; "
+            "save the file as UTF-8",
+            line=line,
+        ) from error

@@ -1,0 +1,310 @@
+"""Times of samples from their stamps: in a unit of time, as ISO 8601 text, or by packet counter.
+
+A wrong unit of time changes integrals and not means: no later check detects it. Stamps that look
+like another unit than the unit in force are therefore refused, and the message names the key to
+set; no unit is guessed.
+"""
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from fractions import Fraction
+from math import floor, isfinite
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
+from inercal.recordings.io.column_table import Array, Table, shorten
+
+SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; beyond them the unit is wrong
+_UNSTATED_HZ = 5.0  # where the unit is not stated: 1 to 5 kHz in ms would pass for 1 to 5 Hz
+_ROUNDING = 1e-6  # of a rate: stamps of few digits
+_UNITS = ("s", "ms", "us", "ns")  # that loggers write
+_NAMED = re.compile(
+    r"(?:^|[\W_])(?:(?P<ms>ms|msec|millis|milliseconds?)|(?P<us>us|µs|μs|usec|micros|microseconds?)"
+    r"|(?P<ns>ns|nsec|nanos|nanoseconds?))[\W_]*$",
+    re.IGNORECASE,
+)
+# Stamps since 1970 in s, ms, µs and ns, for dates of 2001 to 2096.
+_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
+_ISO = re.compile(
+    r"(?P<minute>\d{4}-?\d\d-?\d\d[T ]\d\d:?\d\d)(?P<second>:?\d\d)?"
+    r"(?:[.,](?P<fraction>\d{1,18}))?\s*(?P<zone>Z|z|[+-]\d\d(?::?\d\d)?)?"
+)
+_NS = 10**9
+_INT64_ORIGIN = 2**62  # differences from an origin within it do not overflow
+
+Stamps = Array | NDArray[np.int64]
+
+
+def times_from_origin(
+    stamps: Stamps, size: float, origin: Fraction | int | None = None
+) -> tuple[Array, Fraction]:
+    """Return the times of stamps from an origin on, and the origin.
+
+    The origin is taken off before anything is rounded: of a stamp since 1970, float64 keeps 0.2 µs.
+
+    Parameters
+    ----------
+    stamps : (n,) array of float64 or int64
+    size : float
+        s, of the unit of the stamps.
+    origin : Fraction, optional
+        Time 0, ns by the clock of the stamps; by default the first stamp that is finite.
+
+    Returns
+    -------
+    time : (n,) array
+        s.
+    origin : Fraction
+
+    >>> times_from_origin(np.array([1700000000123456789, 1700000000123456790]), 1e-9)[0].tolist()
+    [0.0, 1e-09]
+    """
+    unit = Fraction(str(size))  # 1e-9 means the decimal fraction
+    if origin is None:
+        first = stamps[int(np.argmax(np.isfinite(stamps)))].item()
+        origin = Fraction(first) * unit * _NS if isfinite(first) else 0
+    start = Fraction(origin) / (unit * _NS)
+    whole = floor(start)
+    if stamps.dtype.kind == "i" and abs(whole) < _INT64_ORIGIN:
+        time, rest = (stamps - whole).astype(np.float64), start - whole
+    else:
+        time, rest = stamps.astype(np.float64) - float(start), start - Fraction(float(start))
+    if rest:
+        time = time - float(rest)
+    # A division by 1000 is rounded once, a product with 0.001 twice.
+    time = time / unit.denominator if unit.numerator == 1 else time * size
+    return time, Fraction(origin)
+
+
+def require_unit(
+    stamps: Stamps, column: str, unit: str | None, source: str, keys: tuple[str, str | None]
+) -> None:
+    """Refuse stamps that look like another unit of time than the one in force.
+
+    Parameters
+    ----------
+    stamps : (n,) array
+        Values of the column.
+    column, source : str
+        Names of the column and of its file, for the message.
+    unit : str or None
+        The stated unit; None where no unit is stated and s are in force.
+    keys : (str, str or None)
+        Keys of the run file: the unit of the stamps, and the rate that may replace them, if any.
+
+    Raises
+    ------
+    InputError
+        A rate below 1 Hz or above 50 kHz; where the unit is not stated also a rate below 5 Hz, a
+        column whose name ends in another unit, and stamps since 1970 in another unit.
+    """
+    unit_key, rate_key = keys
+    rate = _rate(stamps)
+    if unit is None:
+        if (named := _unit_of_column_name(column)) is not None:
+            raise InputError(
+                f"{source}: column {column!r} has {named} in its name, but no unit is stated, "
+                f'which means s: state {unit_key} = "{named}"',
+                file=source,
+                key=unit_key,
+                names=(column,),
+            )
+        since = _epoch_unit(stamps)
+        if since not in (None, "s"):
+            raise InputError(
+                f"{source}: times of {stamps[np.isfinite(stamps)][0]:.6g} in column {column!r} "
+                f"look like {since} since 1970, but no unit is stated, which means s: state "
+                f'{unit_key} = "{since}"',
+                file=source,
+                key=unit_key,
+                names=(column,),
+            )
+    if rate is None:
+        return
+    in_force = "s" if unit is None else unit
+    hz = rate / si_factor(in_force, like="s")
+    slowest = SLOWEST_HZ if unit is not None else _UNSTATED_HZ
+    if slowest * (1 - _ROUNDING) <= hz <= FASTEST_HZ * (1 + _ROUNDING):
+        return
+    if hz > FASTEST_HZ and _mean_rate(stamps) / si_factor(in_force, like="s") < FASTEST_HZ:
+        return  # bursts, which the audit names
+    others = [
+        (other, rate / si_factor(other, like="s"))
+        for other in _UNITS
+        if SLOWEST_HZ <= rate / si_factor(other, like="s") <= FASTEST_HZ
+    ]
+    if others:
+        advice = "state the unit of the stamps: " + " or ".join(
+            f'{unit_key} = "{other}" ({there:.4g} Hz)' for other, there in others
+        )
+    else:
+        advice = f"state the unit of the stamps, {unit_key}"
+    if rate_key is not None:
+        advice += f'; if {hz:.3g} Hz is right, remove the column and state {rate_key} = "…"'
+    raise InputError(
+        f"{source}: column {column!r} in {in_force} gives {hz:.3g} samples per second, outside "
+        f"{slowest:g} Hz to {FASTEST_HZ / 1e3:g} kHz: {advice}",
+        file=source,
+        key=unit_key,
+        names=(column,),
+    )
+
+
+def _rate(stamps: Stamps) -> float | None:
+    """Return samples per unit of the stamps, by the median step that is not zero."""
+    steps = np.abs(np.diff(stamps))
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    return 1 / float(np.median(steps, overwrite_input=True)) if steps.size else None
+
+
+def _mean_rate(stamps: Stamps) -> float:
+    """Return samples per unit of the stamps, from the first to the last of them."""
+    finite = stamps[np.isfinite(stamps)]
+    return (finite.size - 1) / float(np.ptp(finite))
+
+
+def _unit_of_column_name(column: str) -> str | None:
+    """Return the unit that a column's name ends with, other than s."""
+    found = _NAMED.search(column)
+    return None if found is None else found.lastgroup
+
+
+def _epoch_unit(stamps: Stamps) -> str | None:
+    finite = stamps[np.isfinite(stamps)]
+    if not finite.size:
+        return None
+    middle = float(np.median(finite, overwrite_input=True))
+    return next((unit for unit, (low, high) in _EPOCH.items() if low <= middle <= high), None)
+
+
+def is_iso_time(cell: str) -> bool:
+    """Return whether a cell of text looks like a date with a time, ISO 8601."""
+    return _ISO.fullmatch(cell.strip()) is not None
+
+
+def times_from_iso(
+    cells: Sequence[str], column: str, table: Table, origin: Fraction | int | None = None
+) -> tuple[Array, Fraction]:
+    """Return the times of ISO 8601 stamps, such as 2026-11-23T03:10:09.123Z.
+
+    Parameters
+    ----------
+    cells : sequence of n str
+        Date and time, fraction of a second, and zone: Z or an offset from UTC, which may change
+        from row to row. All rows state a zone, or none does.
+    column : str
+        For messages.
+    table : Table
+        Which has these cells, for messages.
+    origin : Fraction, optional
+        Time 0, ns since 1970; by default the first stamp.
+
+    Returns
+    -------
+    time : (n,) array
+        s.
+    origin : Fraction
+
+    Raises
+    ------
+    InputError
+        A cell without such a time, or rows with and without a zone.
+    """
+    ns = np.empty(len(cells), np.int64)
+    known: dict[tuple[str, str], int] = {}  # to the minute: most rows share a minute
+
+    def refusal(k: int, problem: str) -> InputError:
+        return InputError(
+            f"{table.source} {table.place(k)}, column {column!r}: {shorten(cells[k])!r} {problem}",
+            file=table.source,
+            line=table.line(k),
+            names=(column,),
+        )
+
+    zoned: bool | None = None
+    for k, cell in enumerate(cells):
+        match = _ISO.fullmatch(cell.strip())
+        if match is None:
+            raise refusal(k, "is not an ISO 8601 time such as 2026-11-23T03:10:09Z")
+        zone = match["zone"] or ""
+        if zoned is not None and zoned != bool(zone):
+            raise refusal(
+                k,
+                f"has {'a' if zone else 'no'} time zone, unlike the row before: write a zone in "
+                "all rows or in none",
+            )
+        zoned = bool(zone)
+        minute = match["minute"]
+        second = int((match["second"] or "0").lstrip(":"))
+        if (minute, zone) not in known:
+            try:
+                at = datetime.fromisoformat(minute + zone.upper())
+            except ValueError as error:
+                raise refusal(k, f"is not a time: {error}") from None
+            at = at if zone else at.replace(tzinfo=UTC)
+            known[minute, zone] = round(at.timestamp())
+        if second > 59:
+            raise refusal(k, "is not a time: seconds run from 0 to 59")
+        fraction = (match["fraction"] or "0").ljust(9, "0")[:9]
+        ns[k] = (known[minute, zone] + second) * _NS + int(fraction)
+    return times_from_origin(ns, 1 / _NS, origin)
+
+
+def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:
+    """Return the times of samples from the counter in their packets: lost packets become gaps.
+
+    Parameters
+    ----------
+    counter : (n,) array of int
+        0 to modulus − 1; each sent packet increases it by 1.
+    modulus : int
+        Number of values after which the counter restarts at 0; 3 or more. A loss of half of them
+        or more between two packets is not recognised.
+    rate_hz : float
+
+    Returns
+    -------
+    (n,) array
+        s, from 0 on.
+
+    Raises
+    ------
+    InputError
+        A value that is not a whole number below the modulus, or a repeated or late packet.
+
+    >>> times_from_counter([254, 255, 0, 3], 256, 100.0).tolist()
+    [0.0, 0.01, 0.02, 0.05]
+    """
+    read = np.asarray(counter, dtype=float)
+    if modulus < 3 or not rate_hz > 0:
+        raise InputError(
+            f"counter: modulus {modulus} and rate {rate_hz:g} Hz; the modulus must be at least 3 "
+            "and the rate greater than 0",
+            key="modulus",
+        )
+    off = np.flatnonzero(~((read >= 0) & (read < modulus) & (read == np.round(read))))
+    if off.size:
+        raise InputError(
+            f"counter: sample {off[0]} has {read[off[0]]:g}, but the counter takes whole numbers "
+            f"from 0 to {modulus - 1}; check its column and its modulus"
+        )
+    step = np.diff(read) % modulus
+    bad = np.flatnonzero((step == 0) | (2 * step >= modulus))
+    if bad.size:
+        k, most = int(bad[0]), float(read.max())
+        if most + 1 < modulus and (read[bad] == most).all() and (read[bad + 1] == read.min()).all():
+            raise InputError(
+                f"counter: after {most:g} it begins again at {read.min():g} (sample {k + 1}): its "
+                f"modulus is {most + 1:g}, not {modulus}",
+                key="modulus",
+            )
+        what = "comes twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
+        raise InputError(
+            f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2} packets or more "
+            f"were lost; remove repeated packets and sort late packets ({bad.size} in all)"
+        )
+    return np.concatenate([[0.0], np.cumsum(step)]) / rate_hz

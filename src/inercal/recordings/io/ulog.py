@@ -1,0 +1,336 @@
+"""ULog files, the logs of PX4, through pyulog.
+
+A column is "topic.field", of another instance than the first "topic[1].field". `sensor_accel` and
+`sensor_gyro` hold what the sensors read (PX4 1.11 and later). `sensor_combined` is corrected: the
+offsets, scale factors and rotation are undone by the log's own parameters. The others that are
+corrected are filtered too, which cannot be undone.
+"""
+
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import replace
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.recordings.io.column_table import ReadRequest, Table, shorten
+from inercal.recordings.io.isolation import Isolation
+from inercal.recordings.io.logged_corrections import (
+    COPY_AGAIN,
+    CORRECTIONS_OPTION,
+    Correction,
+    euler_matrix,
+    keeps_corrections,
+    rotation_matrix,
+    stated_parameters,
+)
+from inercal.recordings.io.message_columns import (
+    Messages,
+    channel_columns,
+    require_messages,
+    table_from_messages,
+    wanted_topics,
+)
+from inercal.recordings.io.readers import Reader
+
+# A first pass over a ULog file: its topics, and whether its messages are whole.
+#
+# pyulog steps over damage byte by byte. What this pass accepts has known messages, one after the
+# other.
+#
+# Source: the ULog file format, https://docs.px4.io/main/en/dev_log/ulog_file_format.html
+HEADER = b"ULog\x01\x12\x35"
+_HEADER_BYTES = 16
+_KNOWN = frozenset(b"BFIMPQARDLCSO")
+
+
+def scan_topics(path: Path) -> list[str]:
+    """Return the topics of a ULog file: "sensor_accel", "sensor_accel[1]".
+
+    Raises
+    ------
+    InputError
+        A damaged file.
+    OSError
+        The file cannot be read.
+    """
+    topics: list[str] = []
+    for at, kind, body in _messages(path):
+        if kind == b"A":
+            try:
+                topics.append(topic_name(body[3:].decode("ascii"), body[0]))
+            except ValueError as error:
+                raise _damaged(path, at, shorten(str(error), 80)) from error
+    return list(dict.fromkeys(topics))
+
+
+def topic_name(name: str, instance: int) -> str:
+    """Return the name of a topic here: instances other than 0 have their number in brackets."""
+    return f"{name}[{instance}]" if instance else name
+
+
+def _damaged(path: Path, at: int, why: str) -> InputError:
+    return InputError(
+        f"{path.name} is not a ULog file or is damaged at byte {at}: {why}; copy it from the "
+        "flight controller again"
+    )
+
+
+def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes]]:
+    """Yield place, type and body of each message.
+
+    The last message may be cut off: so ends a log when power is lost.
+    """
+    with path.open("rb") as file:
+        if file.read(_HEADER_BYTES)[: len(HEADER)] != HEADER:
+            raise _damaged(path, 0, "it does not begin as a ULog file")
+        ends = _part_ends(path, file)
+        for end in ends:
+            while len(head := file.read(3)) == 3:
+                size, kind = struct.unpack("<HB", head)
+                at = file.tell() - 3
+                if kind not in _KNOWN or size == 0:
+                    raise _damaged(path, at, f"a message of type {kind} and {size} bytes")
+                body = file.read(size)
+                if len(body) < size or (end is not None and file.tell() > end):
+                    break
+                yield at, bytes([kind]), body
+            if end is not None:
+                file.seek(end)
+
+
+def _part_ends(path: Path, file: BinaryIO) -> list[int | None]:
+    """Return where parts end that were appended after a crash; None for the end of the file."""
+    head = file.read(3 + 40)
+    file.seek(_HEADER_BYTES)
+    if len(head) < 43 or head[2:3] != b"B":
+        return [None]
+    (appended,) = struct.unpack_from("<B", head, 3 + 8)
+    offsets = [k for k in struct.unpack_from("<3Q", head, 3 + 16) if k] if appended & 1 else []
+    if sorted(offsets) != offsets or any(k > path.stat().st_size for k in offsets):
+        raise _damaged(path, _HEADER_BYTES, "places of appended data outside the file")
+    return [*offsets, None]
+
+
+_DEFAULT_TOPICS = ("sensor_accel", "sensor_gyro")
+_JOINED_TOPICS = ("sensor_combined",)
+_SELECTION = "sensor_selection"  # which sensor sensor_combined holds
+# Fields of a topic, the word of their parameters and the field of their device in _SELECTION.
+_CORRECTED: dict[str, tuple[tuple[str, str, str], ...]] = {
+    "sensor_combined": (
+        ("accelerometer_m_s2[{}]", "ACC", "accel_device_id"),
+        ("gyro_rad[{}]", "GYRO", "gyro_device_id"),
+    ),
+}
+_FILTERED = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_imu")
+_SENSORS = 4  # sets of parameters
+_THERMAL = {"ACC": "TC_A_ENABLE", "GYRO": "TC_G_ENABLE"}
+
+
+def read_ulog(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Table:
+    """Read topics of a ULog file.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : ReadRequest
+    corrections : "undo" or "keep"
+        Whether corrected readings are turned back to what the sensors read.
+
+    Raises
+    ------
+    InputError
+        A damaged file, a topic that it lacks, or corrections that cannot
+        be undone.
+    OSError
+        The file cannot be read.
+    """
+    core: Any = import_module("pyulog.core")
+    keep = keeps_corrections(corrections, path.name)
+    topics = scan_topics(path)
+    defaults = _DEFAULT_TOPICS if set(topics) & set(_DEFAULT_TOPICS) else _JOINED_TOPICS
+    used = wanted_topics(wanted, topics, defaults, path.name)
+    names = {topic.partition("[")[0] for topic in used}
+    log = _load(core, path, [*names, *([_SELECTION] if names & set(_CORRECTED) else [])])
+    data = {topic_name(one.name, one.multi_id): one.data for one in log.data_list}
+    require_messages(used, data, path.name)
+    stated: list[str] = []
+    devices: dict[str, int] = {}
+    messages: list[Messages] = []
+    for topic in used:
+        fields: dict[str, Any] = data[topic]
+        time = fields["timestamp_sample" if "timestamp_sample" in fields else "timestamp"]
+        logged = Messages(topic, np.asarray(time, np.int64) * 1000, fields)
+        changed, words = _uncorrected(path.name, log, logged, data, wanted, keep)
+        stated += words
+        devices |= _devices(path.name, logged, data, wanted)
+        messages.append(replace(logged, fields=fields | changed))
+    return table_from_messages(path, messages, wanted, stated, devices)
+
+
+def _load(core: Any, path: Path, names: list[str]) -> Any:
+    """Return the log with the messages of some topics; pyulog prints what it finds wrong."""
+    printed = StringIO()
+    with redirect_stdout(printed), path.open("rb") as file:
+        log = core.ULog(file, names)
+    if log.file_corruption:
+        raise ValueError(printed.getvalue() or "messages are broken")
+    return log
+
+
+def _uncorrected(
+    source: str,
+    log: Any,
+    logged: Messages,
+    data: Mapping[str, Any],
+    wanted: ReadRequest,
+    keep: bool,
+) -> tuple[dict[str, Array], list[str]]:
+    """Return the fields of a topic before their corrections, and what corrections are kept."""
+    topic, name = logged.topic, logged.topic.partition("[")[0]
+    channels = {column.removeprefix(f"{topic}.") for column in channel_columns(wanted, logged)}
+    if channels and name in _FILTERED:
+        if keep:
+            return {}, [f"{topic}: corrected and filtered by PX4"]
+        raise InputError(
+            f"{source}: topic {topic!r} is corrected and filtered, which cannot be undone: log "
+            'sensor_accel and sensor_gyro, or state corrections = "keep"',
+            key="[data] corrections",
+            names=(topic,),
+        )
+    if channels and "x_raw" in data[topic]:
+        raise InputError(
+            f"{source}: {topic!r} is of PX4 before 1.11, whose drivers correct it in their own "
+            "way: log with PX4 1.11 or later",
+            names=(topic,),
+        )
+    changed: dict[str, Array] = {}
+    words: list[str] = []
+    for pattern, sensor, device in _CORRECTED.get(name, ()):
+        fields = [pattern.format(k) for k in range(3)]
+        if not channels & set(fields):
+            continue
+        if keep:
+            words.append(f"{topic}: {_stated(log, sensor)}")
+            continue
+        correction = _correction(source, log, sensor, _device(source, log, data, sensor, device))
+        readings = np.stack([data[topic][field] for field in fields], -1).astype(float)
+        changed |= zip(fields, correction.undo(readings).T, strict=True)
+    return changed, words
+
+
+def _devices(
+    source: str, logged: Messages, data: Mapping[str, Any], wanted: ReadRequest
+) -> dict[str, int]:
+    """Return the devices whose readings a topic holds, by topic or by field of sensor_selection.
+
+    Raises
+    ------
+    InputError
+        Two sensors in one topic.
+    """
+    if not channel_columns(wanted, logged):
+        return {}
+    if logged.topic in _CORRECTED:
+        fields = {field for _, _, field in _CORRECTED[logged.topic]}
+        known = data.get(_SELECTION, {})
+        return {field: int(known[field][-1]) for field in sorted(fields) if field in known}
+    numbers = {int(one) for one in logged.fields.get("device_id", ()) if one}
+    if len(numbers) > 1:
+        listed = ", ".join(map(str, sorted(numbers)))
+        raise InputError(
+            f"{source}: topic {logged.topic!r} holds readings of {len(numbers)} sensors (device_id "
+            f"{listed}): log again, with one",
+            names=(logged.topic,),
+        )
+    return dict.fromkeys((logged.topic,) if numbers else (), max(numbers, default=0))
+
+
+def _device(source: str, log: Any, data: Mapping[str, Any], sensor: str, field: str) -> int:
+    """Return the device whose readings sensor_combined holds."""
+    if _SELECTION in data and field in data[_SELECTION]:
+        found = {int(one) for one in data[_SELECTION][field] if one}
+    else:
+        stated = (log.initial_parameters.get(f"CAL_{sensor}{n}_ID", 0) for n in range(_SENSORS))
+        found = {int(one) for one in stated if one}
+    if len(found) == 1:
+        return found.pop()
+    reason = "changes" if found else "is not known"
+    raise InputError(
+        f"{source}: the sensor that sensor_combined holds {reason} ({field} of {_SELECTION}), so "
+        "that its corrections cannot be undone: use sensor_accel and sensor_gyro",
+        names=("sensor_combined",),
+    )
+
+
+def _correction(source: str, log: Any, sensor: str, device: int) -> Correction:
+    """Return what PX4 did to the readings of a device, by the parameters of the log."""
+    parameters: dict[str, float] = dict(log.initial_parameters)
+    if parameters.get(_THERMAL[sensor]):
+        raise InputError(
+            f"{source}: {_THERMAL[sensor]} is 1: PX4 compensated for temperature, which is not "
+            "undone here: use sensor_accel and sensor_gyro",
+            names=(_THERMAL[sensor],),
+        )
+    numbers = [n for n in range(_SENSORS) if parameters.get(f"CAL_{sensor}{n}_ID") == device]
+    used: dict[str, float] = {}
+
+    def values(kind: str, default: float) -> Array:
+        if not numbers:
+            return np.full(3, default)  # a sensor that was never calibrated
+        named = [f"CAL_{sensor}{numbers[0]}_{axis}{kind}" for axis in "XYZ"]
+        used.update({name: parameters[name] for name in named if name in parameters})
+        return np.array([parameters.get(name, default) for name in named])
+
+    offset, scale = values("OFF", 0.0), values("SCALE", 1.0)
+    turn = parameters.get(f"CAL_{sensor}{numbers[0]}_ROT", -1) if numbers else -1
+    if turn >= 0:
+        used[f"CAL_{sensor}{numbers[0]}_ROT"] = turn
+        rotation = rotation_matrix(turn, f"CAL_{sensor}{numbers[0]}_ROT", source)
+    else:
+        rotation = _board_rotation(source, parameters, used)
+    _refuse_changes(source, log, used)
+    return Correction(offset, scale, rotation)
+
+
+def _stated(log: Any, sensor: str) -> str:
+    """Return the parameters by which the readings were corrected, in words."""
+    own = (f"CAL_{sensor}", "SENS_BOARD_", f"TC_{sensor[0]}")
+    stated = {name: value for name, value in log.initial_parameters.items() if name.startswith(own)}
+    return stated_parameters(stated)
+
+
+def _board_rotation(source: str, parameters: Mapping[str, float], used: dict[str, float]) -> Array:
+    """Return the rotation from the axes of the board to those of the vehicle."""
+    names = ("SENS_BOARD_ROT", *(f"SENS_BOARD_{axis}_OFF" for axis in "XYZ"))
+    number, *angles = (parameters.get(name, 0.0) for name in names)
+    used.update({name: parameters[name] for name in names if name in parameters})
+    return euler_matrix(*angles) @ rotation_matrix(number, names[0], source)
+
+
+def _refuse_changes(source: str, log: Any, used: Mapping[str, float]) -> None:
+    """Refuse a log in which a correction changes: when it took effect is not recorded."""
+    changes: Sequence[tuple[int, str, float]] = log.changed_parameters
+    for time, name, value in changes:
+        if name in used and value != used[name]:
+            raise InputError(
+                f"{source}: {name} changes from {used[name]:g} to {value:g} at {1e-6 * time:.6g} s "
+                "after boot: use sensor_accel and sensor_gyro, or log again",
+                names=(name,),
+            )
+
+
+READER = Reader(
+    "ulog",
+    read_ulog,
+    content=((0, HEADER),),
+    suffixes=(".ulg",),
+    options=(CORRECTIONS_OPTION,),
+    isolation=Isolation("a ULog file", COPY_AGAIN, ("pyulog.core",), "px4"),
+)

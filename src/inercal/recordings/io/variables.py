@@ -1,0 +1,247 @@
+"""Variables of a file of arrays, MATLAB's or HDF5's, as the columns of a table.
+
+A vector of numbers is a column of the same name. In a matrix, samples run along the longer side, as
+rows or as columns, and the other side is counted from 1: `acc`, (n, 3) or (3, n), gives "acc(1)",
+"acc(2)", "acc(3)". The name of a struct or group precedes a dot, "imu.acc(2)". A file may also hold
+parameters: the columns of the recording are those whose length most numbers share.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.errors import InputError
+from inercal.recordings.io.column_table import (
+    BLOCK_ROWS,
+    MOST_COLUMNS,
+    Array,
+    Column,
+    ReadRequest,
+    Table,
+    file_sha256,
+    label_array,
+    refuse_unequal_lengths,
+    row_blocks,
+    select_columns,
+)
+
+# Why a variable is not a column.
+OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
+FUNCTION = "is a function handle, not numbers"
+COMPLEX = "holds complex numbers: save real and imaginary parts as two arrays"
+SPARSE = "is a sparse matrix: save it with full()"
+STRUCTS = "is an array of structs: save a struct of arrays"
+CELL = "is a cell array with other contents than one text in each cell: save plain arrays"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One array of a file.
+
+    Parameters
+    ----------
+    name : str
+        With the names of the structs or groups around it.
+    shape : tuple of int
+        As stored; (n,) for text.
+    open : function
+        Returns the array or an object that is sliced like it; for text, the n entries.
+    text : bool
+        Whether it holds words.
+    transposed : bool
+        Whether it is stored with its axes reversed: it decides which axis of a square matrix has
+        the samples.
+    chunk : int
+        Samples stored together, which are read at once.
+    refused : str
+        Why it is not a column; empty where it is.
+    """
+
+    name: str
+    shape: tuple[int, ...] = ()
+    open: Callable[[], Any] = lambda: None
+    text: bool = False
+    transposed: bool = False
+    chunk: int = 1
+    refused: str = ""
+
+    @property
+    def refusal_reason(self) -> str:
+        """Why it holds no column; empty where it holds columns."""
+        if self.refused:
+            return self.refused
+        if 0 in self.shape:
+            return "is empty"
+        if not 1 <= len(self.shape) <= 2:
+            return "is a single number" if not self.shape else f"has {len(self.shape)} axes, not 2"
+        if min(self.sample_and_column_counts) > MOST_COLUMNS:
+            return f"{self.shape} is not a table"
+        return ""
+
+    @property
+    def sample_and_column_counts(self) -> tuple[int, int]:
+        """Number of samples, and number of columns."""
+        return self.shape[self.sample_axis], int(np.prod(self.shape)) // self.shape[
+            self.sample_axis
+        ]
+
+    @property
+    def sample_axis(self) -> int:
+        """The axis of samples; 0 where the variable is refused."""
+        if len(self.shape) != 2:
+            return 0
+        first, last = self.shape
+        return int(last > first or (last == first and self.transposed))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        count = self.sample_and_column_counts[1]
+        return (self.name,) if count == 1 else tuple(f"{self.name}({k + 1})" for k in range(count))
+
+
+def table_from_variables(path: Path, variables: Sequence[Variable], wanted: ReadRequest) -> Table:
+    """Return the variables of a file as a table.
+
+    Raises
+    ------
+    InputError
+        No column, a wanted column missing or not of numbers, or columns of unequal length.
+    """
+    source = path.name
+    refused = {v.name: v.refusal_reason for v in variables if v.refusal_reason}
+    columns = _columns(variables)
+    for name in wanted.names or ():
+        _refuse_unusable_variable(name, [name for name, _, _ in columns], refused, source)
+    if not columns:
+        first = next((f": {name!r} {why}" for name, why in refused.items()), "")
+        raise InputError(
+            f"{source} has no columns of numbers{first}; save arrays of numbers",
+            names=tuple(refused),
+        )
+    length = _length(columns)
+    requested = set(wanted.names or ())
+    names = [
+        name
+        for name, v, _ in columns
+        if v.sample_and_column_counts[0] == length or name in requested
+    ]
+    chosen = select_columns(names, wanted.names, source)
+    found = {name: (v, k) for name, v, k in columns if name in chosen}
+    refuse_unequal_lengths(
+        {name: found[name][0].sample_and_column_counts[0] for name in chosen}, source
+    )
+    read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
+    return Table(tuple(names), read, source, file_sha256(path), 0, header=True, block=block)
+
+
+def number_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int] | None:
+    """Return names and length of the recording's columns; None where there is none, or text."""
+    columns = _columns(variables)
+    if not columns:
+        return None
+    length = _length(columns)
+    own = [(name, v) for name, v, _ in columns if v.sample_and_column_counts[0] == length]
+    return None if any(v.text for _, v in own) else (tuple(name for name, _ in own), length)
+
+
+def column_blocks(variables: Sequence[Variable], names: Sequence[str]) -> Iterator[Array]:
+    """Yield some samples of these columns at a time, (k, c); all of them are numbers.
+
+    Parameters
+    ----------
+    variables : sequence of Variable
+    names : sequence of str
+        Of `number_columns`.
+    """
+    found = {name: (v, k) for name, v, k in _columns(variables) if name in names}
+    used = {v.name: v for v, _ in found.values()}
+    n = next(iter(used.values())).sample_and_column_counts[0]
+    stored = {name: v.open() for name, v in used.items()}
+    for rows in row_blocks(n, max(_rows_per_read(v) for v in used.values())):
+        parts = {name: _rows(v, stored[name], rows) for name, v in used.items()}
+        chosen = [parts[found[name][0].name][:, found[name][1]] for name in names]
+        yield np.stack(chosen, axis=1).astype(np.float64)
+
+
+def _columns(variables: Sequence[Variable]) -> list[tuple[str, Variable, int]]:
+    """Return each column that may be read: its name, its variable and its place there."""
+    return [
+        (name, v, k) for v in variables if not v.refusal_reason for k, name in enumerate(v.columns)
+    ]
+
+
+def _length(columns: Sequence[tuple[str, Variable, int]]) -> int:
+    """Return the length that most numbers share."""
+    counted: Counter[int] = Counter()
+    for _, v, _ in columns:
+        counted[v.sample_and_column_counts[0]] += v.sample_and_column_counts[0]
+    return max(counted, key=lambda n: (counted[n], n))
+
+
+def _refuse_unusable_variable(
+    name: str, names: Sequence[str], refused: dict[str, str], source: str
+) -> None:
+    """Refuse a wanted column of a variable that holds no columns, with the reason."""
+    if name in names:
+        return
+    for variable, why in refused.items():
+        if name == variable or name.startswith((f"{variable}.", f"{variable}(")):
+            raise InputError(f"{source}: {variable!r} {why}", names=(variable,))
+
+
+def _read(
+    variables: Sequence[Variable], chosen: Sequence[str], wanted: ReadRequest, source: str
+) -> tuple[dict[str, Column], Array]:
+    """Return the chosen columns by name, and their block, reading some samples at a time."""
+    n = variables[0].sample_and_column_counts[0]
+    text = {v.name for v in variables if v.text}
+    numbers = [name for name, v in zip(chosen, variables, strict=True) if not v.text]
+    blank, block = wanted.empty_columns(n, numbers)
+    read: dict[str, Column] = {}
+    for variable in {v.name: v for v in variables}.values():
+        stored = variable.open()
+        if variable.name in text:
+            read[variable.name] = label_array(stored, variable.name, source)
+            continue
+        kind = stored.dtype
+        if kind.kind not in "fiub":
+            why = COMPLEX if kind.kind == "c" else f"of {kind} holds no numbers"
+            raise InputError(f"{source}: {variable.name!r} {why}", names=(variable.name,))
+        places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
+        filled: dict[str, NDArray[Any]] = {
+            name: np.empty(n, kind) if name in wanted.whole else blank[name] for _, name in places
+        }
+        for rows in row_blocks(n, _rows_per_read(variable)):
+            part = _rows(variable, stored, rows)
+            for k, name in places:
+                filled[name][rows] = part[:, k]
+        for _, name in places:
+            values = filled[name]
+            if name in wanted.whole:
+                values = wanted.number_column(name, values)
+            read[name] = _integer_labels(values) if name in wanted.text else values
+    return {name: read[name] for name in chosen}, block
+
+
+def _rows(variable: Variable, stored: Any, rows: slice) -> NDArray[Any]:
+    """Return some samples of all columns of a variable, (k, c)."""
+    part: NDArray[Any] = np.asarray(stored[rows] if variable.sample_axis == 0 else stored[:, rows])
+    return part.reshape(len(part), -1) if variable.sample_axis == 0 else part.T
+
+
+def _rows_per_read(variable: Variable) -> int:
+    """Return a multiple of the chunk: no part of a file is decompressed twice."""
+    rows = max(1, 8 * BLOCK_ROWS // variable.sample_and_column_counts[1])
+    return -(-rows // variable.chunk) * variable.chunk
+
+
+def _integer_labels(values: NDArray[Any]) -> Column:
+    """Return whole numbers as labels: MATLAB writes 1, 2, 3 as floating point."""
+    integer = np.isfinite(values).all() and (values == np.round(values)).all()
+    return values.astype(np.int64).astype(np.str_) if integer else values

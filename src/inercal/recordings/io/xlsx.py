@@ -1,0 +1,218 @@
+"""Excel workbooks (.xlsx), through openpyxl, row by row.
+
+The columns are named by the first row of words that stands on rows of numbers; what is above it,
+such as a title or the logger's settings, is left out. Of formulas the saved values are read.
+"""
+
+from array import array
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from datetime import datetime
+from importlib import import_module
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.recordings.io.column_table import (
+    Column,
+    ReadRequest,
+    Table,
+    file_sha256,
+    label_array,
+    refuse_too_many_columns,
+    select_columns,
+    shorten,
+)
+from inercal.recordings.io.isolation import Isolation
+from inercal.recordings.io.readers import Option, Reader
+
+_SNIFFED_ROWS = 100
+_MOST_ROWS = 1 << 20
+_OLD, _OPEN_DOCUMENT = b"\xd0\xcf\x11\xe0", b"mimetype"  # .xls at 0, .ods at 30
+
+Cell = float | str | None
+
+
+class _Heading(NamedTuple):
+    names: tuple[str, ...]
+    texts: frozenset[int]  # columns whose first cell is a word
+    skipped: int  # rows above the data that have cells
+    header: bool
+
+
+def read_xlsx(path: Path, wanted: ReadRequest, sheet: str | int = 1) -> Table:
+    """Read a sheet of an Excel workbook.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : ReadRequest
+    sheet : str or int
+        Name of the sheet, or its number from 1.
+
+    Raises
+    ------
+    InputError
+        A damaged workbook, a sheet or column that it lacks, or a cell
+        that is not a number.
+    OSError
+        The file cannot be read.
+    """
+    _refuse_other_sheets(path)
+    openpyxl: Any = import_module("openpyxl")
+    with path.open("rb") as file:
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
+        with closing(book):
+            return _table(path, _rows(_sheet(path.name, book, sheet)), wanted)
+
+
+def _refuse_other_sheets(path: Path) -> None:
+    """Refuse sheets of other programs, and of Excel before 2007."""
+    with path.open("rb") as file:
+        head = file.read(40)
+    if head.startswith(_OLD) or head[30:].startswith(_OPEN_DOCUMENT):
+        kind = "of Excel before 2007" if head.startswith(_OLD) else "an OpenDocument sheet"
+        raise InputError(f"{path.name} is {kind}: save it as .xlsx or as CSV")
+
+
+def _sheet(source: str, book: Any, sheet: str | int) -> Any:
+    names: list[str] = [one.title for one in book.worksheets]
+    if isinstance(sheet, int) and 1 <= sheet <= len(names):
+        return book.worksheets[sheet - 1]
+    if sheet in names:
+        return book.worksheets[names.index(str(sheet))]
+    raise InputError(
+        f"{source} has no sheet {sheet!r}; it has {', '.join(map(shorten, names[:12]))}",
+        key="[data] sheet",
+    )
+
+
+def _rows(sheet: Any) -> Iterator[tuple[int, list[Cell]]]:
+    """Yield number and cells of each row that has cells."""
+    # A workbook may state a size of 10^10 cells: rows are read as long as they are.
+    sheet.reset_dimensions()
+    for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
+        if number > _MOST_ROWS:  # of a gap before such a row openpyxl makes empty ones for hours
+            raise InputError(
+                f"sheet {sheet.title!r} has a row beyond {_MOST_ROWS}, the last that Excel has; "
+                "the workbook is damaged: save it again"
+            )
+        cells = [_cell(value) for value in row]
+        while cells and cells[-1] is None:
+            cells.pop()
+        if cells:
+            refuse_too_many_columns(len(cells), f"sheet {sheet.title!r}")
+            yield number, cells
+
+
+def _cell(value: object) -> Cell:
+    """Return a number, a text, or None for an empty cell."""
+    if isinstance(value, bool | int | float):
+        return float(value)
+    if isinstance(value, datetime):
+        return value.isoformat()
+    text = "" if value is None else str(value).strip()
+    try:
+        return float(text)
+    except ValueError:
+        return text or None
+
+
+def _table(path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadRequest) -> Table:
+    """Return the rows of a sheet as a table."""
+    source = path.name
+    first = list(islice(rows, _SNIFFED_ROWS))
+    heading = _heading(source, [cells for _, cells in first])
+    names = heading.names
+    chosen = select_columns(names, wanted.names, source)
+    at = {name: names.index(name) for name in chosen}
+    texts = {name for name in chosen if at[name] in heading.texts or name in wanted.text}
+    words: dict[str, list[str]] = {name: [] for name in chosen if name in texts}
+    numbers = {name: array("d") for name in chosen if name not in texts}
+    lines: list[int] = []
+    for line, cells in first[heading.skipped :]:
+        _add(source, line, cells, at, words, numbers)
+        lines.append(line)
+    for line, cells in rows:
+        _add(source, line, cells, at, words, numbers)
+        lines.append(line)
+    blank, block = wanted.empty_columns(len(lines), list(numbers))
+    columns: dict[str, Column] = {}
+    for name in chosen:
+        if name in words:
+            columns[name] = label_array(words[name], name, source)
+        else:
+            blank[name][:] = np.frombuffer(numbers[name])
+            columns[name] = blank[name]
+    unbroken = lines[-1] - lines[0] + 1 == len(lines)
+    return Table(
+        names,
+        columns,
+        source,
+        file_sha256(path),
+        lines[0] if unbroken else 0,
+        heading.header,
+        block=block,
+    )
+
+
+def _add(
+    source: str,
+    line: int,
+    cells: Sequence[Cell],
+    at: dict[str, int],
+    words: dict[str, list[str]],
+    numbers: "dict[str, array[float]]",
+) -> None:
+    """Add the cells of a row to their columns; an empty cell is NaN, or an empty text."""
+    for name, texts in words.items():
+        cell = cells[at[name]] if at[name] < len(cells) else None
+        whole = isinstance(cell, float) and cell.is_integer()
+        texts.append("" if cell is None else str(int(cell)) if whole else str(cell))
+    for name, values in numbers.items():
+        cell = cells[at[name]] if at[name] < len(cells) else None
+        if isinstance(cell, str):
+            raise InputError(
+                f"{source} line {line}, column {shorten(name)!r}: {shorten(cell)!r} is not a "
+                "number; correct the cell or remove the row",
+                line=line,
+                names=(name,),
+            )
+        values.append(np.nan if cell is None else cell)
+
+
+def _heading(source: str, rows: Sequence[Sequence[Cell]]) -> _Heading:
+    """Return the names of the columns, from the first row of words on a row of numbers."""
+    for k, (cells, below) in enumerate(pairwise(rows)):
+        worded = [cell for cell in cells if isinstance(cell, str)]
+        numbers = sum(isinstance(cell, float) for cell in below)
+        if len(worded) == len(cells) and numbers and len(below) == len(cells):
+            texts = frozenset(j for j, cell in enumerate(below) if isinstance(cell, str))
+            return _Heading(tuple(worded), texts, k + 1, header=True)
+    width = len(rows[0]) if rows else 0
+    if not any(isinstance(cell, float) for row in rows for cell in row):
+        raise InputError(f"{source} has no row of numbers: save a sheet with one sample a row")
+    if any(len(row) != width for row in rows):
+        raise InputError(
+            f"{source} has no row of names above its numbers: write a name above each column"
+        )
+    texts = frozenset(j for j, cell in enumerate(rows[0]) if isinstance(cell, str))
+    return _Heading(tuple(str(j + 1) for j in range(width)), texts, 0, header=False)
+
+
+# The name of the first file in the archive: it tells a workbook from a .npz archive.
+READER = Reader(
+    "xlsx",
+    read_xlsx,
+    content=(
+        *((30, name) for name in (b"[Content_Types].xml", b"docProps/", b"_rels/", b"xl/")),
+        (30, _OPEN_DOCUMENT),
+        (0, _OLD),
+    ),
+    suffixes=(".xlsx", ".xlsm"),
+    options=(Option("sheet", str | int, 1, "name of the sheet, or its number from 1"),),
+    isolation=Isolation("an Excel workbook", "save it again", ("openpyxl",), "excel"),
+)

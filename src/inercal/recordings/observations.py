@@ -1,0 +1,266 @@
+"""Observations in SI: means over the sections of a recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.recordings.rounding_errors import RoundingErrors, join_rounding_errors
+from inercal.recordings.samples import Indices
+from inercal.recordings.temperature_course import temperature_varies
+from inercal.recordings.track import Track
+from inercal.recordings.transitions import HalfSectionChanges, Transitions
+
+if TYPE_CHECKING:
+    from inercal.estimation import ModelTest
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Means over sections of a recording: a row for each hold or turn.
+
+    Parameters
+    ----------
+    labels : tuple of r str
+        Name of each row.
+    mean : (..., r, m) array
+        Mean reading in SI after the nominal readout.
+    covariance : (..., r, m, m) array
+        Covariance of each mean.
+    duration, time : (r,) array
+        s; length of the section and time of its middle.
+    samples : (r,) array of int
+        Number of samples of each mean.
+    channels : tuple of m str
+        Names of the sensor's axes.
+    dof : float
+        Degrees of freedom of the covariance; infinite when it was stated.
+    drift : (r, r, m) array or None
+        Covariance between rows of each channel's slow drift, which `covariance` excludes.
+    drift_mean : (r, m) array or None
+        The drift that `mean` contains, as the slopes within rows show it; what they leave open is
+        in `drift`. `without_drift` takes it off; where it is left, `full_covariance` includes it.
+    rounding : RoundingErrors or None
+        Errors by coarse steps of the channels; of their covariance between rows the diagonal is
+        part of `covariance`.
+    transitions : Transitions or None
+        Transitions between neighbouring rows, for methods that integrate the rate between rests.
+    halves : HalfSectionChanges or None
+        Changes of the readings within each row, for sensors in a hand that have gyros.
+    track : Track or None
+        The samples themselves, for filters.
+    tests : tuple of ModelTest
+        Tests of the noise within sections, where a recording was averaged.
+    notes : tuple of str
+        Results on the noise of the sections, in words.
+    timed : bool
+        Whether `time` was measured; for a table of means it is the order of the rows.
+    temperature : (..., r) array or None
+        K, the mean over the samples of each row.
+    common : (..., r, m, k) array or None
+        Effect on each reading of k independent errors of unit variance, which rows have in common;
+        `full_covariance` includes them.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, a mean, covariance or temperature that is not finite, a covariance that is
+        not symmetric or has a negative variance, or a section without samples.
+    """
+
+    labels: tuple[str, ...]
+    mean: Array
+    covariance: Array
+    duration: Array
+    samples: Indices
+    time: Array
+    channels: tuple[str, ...]
+    dof: float = np.inf
+    drift: Array | None = None
+    drift_mean: Array | None = None
+    rounding: RoundingErrors | None = None
+    transitions: Transitions | None = None
+    halves: HalfSectionChanges | None = None
+    track: Track | None = None
+    tests: tuple["ModelTest", ...] = ()
+    notes: tuple[str, ...] = ()
+    timed: bool = True
+    temperature: Array | None = None
+    common: Array | None = None
+
+    def __post_init__(self) -> None:
+        r, m = len(self.labels), len(self.channels)
+        shapes = {
+            "mean": (self.mean.shape[-2:], (r, m)),
+            "covariance": (self.covariance.shape[-3:], (r, m, m)),
+            "duration": (self.duration.shape, (r,)),
+            "samples": (self.samples.shape, (r,)),
+            "time": (self.time.shape, (r,)),
+        }
+        if self.temperature is not None:
+            shapes["temperature"] = (self.temperature.shape[-1:], (r,))
+        if self.common is not None:
+            shapes["common"] = (self.common.shape[-3:-1], (r, m))
+        for name, (shape, expected) in shapes.items():
+            if shape != expected:
+                raise InputError(
+                    f"observations: {name} has shape {shape}, expected {expected}", key=name
+                )
+        if not self.dof > 0:
+            raise InputError(
+                f"observations: dof is {self.dof}; degrees of freedom must be above 0", key="dof"
+            )
+        not_finite = "that is not finite"
+        finite = np.isfinite(self.mean)
+        if not finite.all():  # of all numbers first: a reduction of short rows is slow
+            self._refuse(~finite.all(-1), "mean", not_finite)
+        self._refuse(~np.isfinite(self.covariance).all((-2, -1)), "covariance", not_finite)
+        variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
+        self._refuse((variance < 0).any(-1), "covariance", "with a negative variance")
+        # Rounding in a product J C Jᵀ leaves a last-bit asymmetry, compared with the variances.
+        scale = np.sqrt(variance[..., :, None] * variance[..., None, :])
+        skew = np.abs(self.covariance - np.swapaxes(self.covariance, -1, -2))
+        self._refuse((skew > 1e-9 * scale).any((-2, -1)), "covariance", "that is not symmetric")
+        self._refuse(self.samples < 1, "samples", "below 1")
+        if self.temperature is not None:
+            self._refuse(~np.isfinite(self.temperature), "temperature", not_finite)
+
+    def _refuse(self, bad: NDArray[np.bool_] | np.bool_, key: str, what: str) -> None:
+        rows = np.flatnonzero(np.reshape(bad, (-1, len(self.labels))).any(0))
+        if rows.size:
+            label = self.labels[int(rows[0])]
+            raise InputError(
+                f"observations: {label} (row {rows[0] + 1}) has a {key} {what}; correct it",
+                key=key,
+                names=(label,),
+            )
+
+    @property
+    def between_rows(self) -> Array | None:
+        """Covariance between rows by drift and rounding, (r, r, m), which `covariance` excludes."""
+        if self.rounding is None:
+            return self.drift
+        shared = self.rounding.shared
+        return shared if self.drift is None else self.drift + shared
+
+    @property
+    def full_covariance(self) -> Array:
+        """Covariance of all readings, (..., r·m, r·m) by rows: with drift and all common errors."""
+        r, m = self.mean.shape[-2:]
+        full = np.zeros((*self.covariance.shape[:-3], r, m, r, m))
+        for k in range(r):
+            full[..., k, :, k, :] = self.covariance[..., k, :, :]
+        if (between := self.between_rows) is not None:
+            for a in range(m):
+                full[..., :, a, :, a] += between[..., a]
+        if self.drift_mean is not None:
+            for a, course in enumerate(self.drift_mean.T):
+                full[..., :, a, :, a] += np.outer(course, course)
+        full = full.reshape(*full.shape[:-4], r * m, r * m)
+        if self.common is not None:
+            effect = self.common.reshape(*self.common.shape[:-3], r * m, -1)
+            full = full + effect @ np.swapaxes(effect, -1, -2)
+        return full
+
+    def without_drift(self) -> "Observations":
+        """Return the observations with `drift_mean` taken off the means."""
+        if self.drift_mean is None:
+            return self
+        return replace(self, mean=self.mean - self.drift_mean, drift_mean=None)
+
+    def temperature_offset(self, reference: float) -> Array:
+        """Return the temperature of each row minus a reference, (..., r) K; () of 0 without one."""
+        return np.zeros(()) if self.temperature is None else self.temperature - reference
+
+    @property
+    def temperature_varies(self) -> bool:
+        """Whether the recorded temperatures differ by more than a temperature sensor's error."""
+        return temperature_varies(self.temperature)
+
+    @property
+    def trial_shape(self) -> tuple[int, ...]:
+        """The leading axes of trials; () for one recording."""
+        t = self.temperature
+        return np.broadcast_shapes(
+            self.mean.shape[:-2],
+            self.covariance.shape[:-3],
+            () if t is None else t.shape[:-1],
+            () if self.common is None else self.common.shape[:-3],
+        )
+
+    def of_trials(self, part: slice) -> "Observations":
+        """Return some trials, of one leading axis; what all trials share stays whole."""
+
+        def some(array: Array, own: int) -> Array:
+            return array[part] if array.ndim > own and len(array) > 1 else array
+
+        t = self.temperature
+        return replace(
+            self,
+            mean=some(self.mean, 2),
+            covariance=some(self.covariance, 3),
+            temperature=None if t is None else some(t, 1),
+            common=None if self.common is None else some(self.common, 3),
+        )
+
+    def rows(self, at: Sequence[int]) -> "Observations":
+        """Return some rows, without transitions, changes within rows and samples."""
+        kept = list(at)
+        drift, t = self.drift, self.temperature
+        return replace(
+            self,
+            labels=tuple(self.labels[k] for k in kept),
+            mean=self.mean[..., kept, :],
+            covariance=self.covariance[..., kept, :, :],
+            duration=self.duration[kept],
+            samples=self.samples[kept],
+            time=self.time[kept],
+            drift=None if drift is None else drift[np.ix_(kept, kept)],
+            drift_mean=None if self.drift_mean is None else self.drift_mean[kept],
+            rounding=None if self.rounding is None else self.rounding.rows(kept),
+            transitions=None,
+            halves=None,
+            track=None,
+            temperature=None if t is None else t[..., kept],
+            common=None if self.common is None else self.common[..., kept, :, :],
+        )
+
+
+def join_observations(one: Observations, other: Observations) -> Observations:
+    """Return the rows of both, of the same channels; their drifts are taken as independent.
+
+    The result has temperatures only where both have.
+    """
+    r, s, m = len(one.labels), len(other.labels), len(one.channels)
+    drift, course = None, None
+    if one.drift_mean is not None or other.drift_mean is not None:
+        course = np.zeros((r + s, m))
+        course[:r] = 0.0 if one.drift_mean is None else one.drift_mean
+        course[r:] = 0.0 if other.drift_mean is None else other.drift_mean
+    if one.drift is not None or other.drift is not None:
+        drift = np.zeros((r + s, r + s, m))
+        drift[:r, :r] = 0.0 if one.drift is None else one.drift
+        drift[r:, r:] = 0.0 if other.drift is None else other.drift
+    return Observations(
+        labels=(*one.labels, *other.labels),
+        mean=np.concatenate([one.mean, other.mean], axis=-2),
+        covariance=np.concatenate([one.covariance, other.covariance], axis=-3),
+        duration=np.concatenate([one.duration, other.duration]),
+        samples=np.concatenate([one.samples, other.samples]),
+        time=np.concatenate([one.time, other.time]),
+        channels=one.channels,
+        dof=min(one.dof, other.dof),
+        drift=drift,
+        drift_mean=course,
+        rounding=join_rounding_errors(one.rounding, other.rounding, r, s),
+        tests=(*one.tests, *other.tests),
+        notes=(*one.notes, *other.notes),
+        timed=one.timed and other.timed,
+        temperature=None
+        if one.temperature is None or other.temperature is None
+        else np.concatenate([one.temperature, other.temperature], axis=-1),
+    )

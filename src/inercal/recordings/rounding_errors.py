@@ -1,0 +1,250 @@
+"""The errors that coarse steps of the readings leave in means, and which rows have in common.
+
+The error of a mean has the variance β² of `inercal.estimation.uncertainty.rounding`. Rows i and j
+whose means differ by d share their place between two steps if d is small against the step q. Their
+errors have
+
+    cov = β² exp(−d²/2q²)
+
+which is a covariance for any means. Where a row has near ones, it has an independent error of up to
+the same size besides: true values that differ by part of a step, by the earth's rate, drift or
+sensitivity to acceleration, are read alike. A channel in motion crosses many steps, and its errors
+average out: β²/n for n samples.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.units import format_quantity
+from inercal.basics.units.expression import read_unit
+from inercal.estimation.uncertainty.rounding import mean_rounding_variance
+from inercal.physics.sensors import Sensor
+
+_CROSSED = 1.0  # steps: a scatter that averages rounding out
+NOISY = 0.6  # steps of noise; beyond, rounding leaves no error in a mean
+_KINDS = {"f": ("accelerometer", "g", "µg"), "w": ("gyro", "°/s", "°/h")}
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingSteps:
+    """How the readings of m channels are rounded.
+
+    Parameters
+    ----------
+    step : (m,) array
+        SI; 0 where rounding has no effect on a mean. The width of the band about zero where a
+        channel has one in which it reads the same.
+    noise : (m,) array
+        Standard deviation of the noise over the step, by its lower bound.
+    dead_band : (m,) array of bool
+        Whether the step is such a band.
+    text : (m,) array
+        Standard deviation of the error by the digits in which the steps are written, SI: steps of
+        .02 °/s in rad/s with four decimals are uneven by a third.
+    """
+
+    step: Array
+    noise: Array
+    dead_band: NDArray[np.bool_]
+    text: Array
+
+    @property
+    def variance(self) -> Array:
+        """Variance of the error of a mean at rest, (m,) SI."""
+        shares = [
+            mean_rounding_variance(noise) if step else 0.0
+            for step, noise in zip(self.step.tolist(), self.noise.tolist(), strict=True)
+        ]
+        return self.step**2 * np.array(shares) + self.text**2
+
+    def errors_of_means(
+        self, mean: Array, samples: Array | None = None, scatter: Array | None = None
+    ) -> "RoundingErrors | None":
+        """Return the errors of the means of r rows; None where rounding leaves none.
+
+        Parameters
+        ----------
+        mean : (..., r, m) array
+            SI; of several trials the first shows which rows are near one another.
+        samples : (r,) array, optional
+            Numbers of samples; needed with `scatter`.
+        scatter : (r, m) array, optional
+            Standard deviations of the samples of each row, SI. Without it all rows are at rest.
+        """
+        variance = self.variance
+        if not variance.any():
+            return None
+        one: Array = mean.reshape(-1, *mean.shape[-2:])[0]
+        between = np.zeros((len(one), len(one), variance.size))
+        moving = np.zeros(one.shape, dtype=np.bool_)
+        if scatter is not None:
+            moving = self.moving(scatter)
+        for k in np.flatnonzero(variance).tolist():
+            apart = (one[:, None, k] - one[:, k]) / self.step[k]
+            near: Array = np.exp(-0.5 * apart**2) * (1 - np.eye(len(one)))
+            near[moving[:, k]] = near[:, moving[:, k]] = 0.0
+            own = 1 + near.max(axis=1, initial=0.0)
+            if samples is not None:
+                own = np.where(moving[:, k], 1 / samples, own)
+            between[..., k] = variance[k] * (near + np.diag(own))
+        return RoundingErrors(between, self)
+
+    def moving(self, scatter: Array) -> NDArray[np.bool_]:
+        """Return which readings cross many steps, by their standard deviations (..., m), SI.
+
+        A gyro across the axis of a turn does not: it reads as at rest.
+        """
+        return np.asarray(scatter > _CROSSED * self.step, dtype=np.bool_)
+
+    def as_at_rest(self, off: Array, first: int) -> NDArray[np.bool_]:
+        """Return which readings may have the error of the rests.
+
+        Parameters
+        ----------
+        off : (n, k) array
+            Readings of the channels from `first` on, minus those at rest, SI.
+        first : int
+        """
+        near = np.where(self.dead_band, 0.5, _CROSSED) * self.step
+        return np.asarray(np.abs(off) < near[first:], dtype=np.bool_)
+
+
+class RoundedChannel(NamedTuple):
+    """A channel whose steps leave more error than noise in the means of its rests.
+
+    Parameters
+    ----------
+    channel : str
+    step : float
+        SI; of a dead band its width.
+    noise : float
+        Standard deviation of the noise over the step, by its lower bound.
+    dead_band : bool
+    std : float
+        Standard deviation of the error that the rests have in common, SI.
+    """
+
+    channel: str
+    step: float
+    noise: float
+    dead_band: bool
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class RoundingErrors:
+    """Errors by rounding of the means of r rows of m channels.
+
+    Parameters
+    ----------
+    covariance : (r, r, m) array
+        Between the rows, of each channel, SI. The diagonal is part of the means' own covariance.
+    steps : ReadingSteps
+    channels : tuple of RoundedChannel
+        Those that matter beside the noise of the means.
+    """
+
+    covariance: Array
+    steps: ReadingSteps
+    channels: tuple[RoundedChannel, ...] = ()
+
+    @property
+    def variances(self) -> Array:
+        """Variance of each mean, (r, m)."""
+        return np.diagonal(self.covariance, axis1=0, axis2=1).T
+
+    @property
+    def shared(self) -> Array:
+        """The covariance without the diagonal, (r, r, m)."""
+        return self.covariance * (1 - np.eye(len(self.covariance)))[..., None]
+
+    def with_independent(self, variance: Array) -> "RoundingErrors":
+        """Return the errors with an independent error of each mean added, variances (m,)."""
+        added = np.eye(len(self.covariance))[..., None] * variance
+        return replace(self, covariance=self.covariance + added)
+
+    def rows(self, at: Sequence[int]) -> "RoundingErrors":
+        """Return the errors of some rows."""
+        return replace(self, covariance=self.covariance[np.ix_(at, at)])
+
+
+def rounded_channels(
+    sensor: Sensor, steps: ReadingSteps, covariance: Array, variance: Array
+) -> tuple[RoundedChannel, ...]:
+    """Return the channels whose steps leave more error than noise in a mean.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    steps : ReadingSteps
+    covariance : (r, m, m) array
+        Of the means, without rounding.
+    variance : (m,) array
+        Of the error by rounding of a mean, SI.
+    """
+    noise = np.median(
+        np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, variance.size), axis=0
+    )
+    return tuple(
+        RoundedChannel(
+            axis.name,
+            float(steps.step[k]),
+            float(steps.noise[k]),
+            bool(steps.dead_band[k]),
+            float(variance[k]) ** 0.5,
+        )
+        for k, axis in enumerate(sensor.axes)
+        if variance[k] > noise[k]
+    )
+
+
+def join_rounding_errors(
+    one: RoundingErrors | None, other: RoundingErrors | None, r: int, s: int
+) -> RoundingErrors | None:
+    """Return the errors of r and then s rows of two recordings; they are independent."""
+    if one is None or other is None:
+        known = one or other
+        if known is None:
+            return None
+        m = known.covariance.shape[-1]
+        nothing = [np.zeros((n, n, m)) for n in (r, s)]
+        one, other = (
+            one or RoundingErrors(nothing[0], known.steps),
+            other or RoundingErrors(nothing[1], known.steps),
+        )
+    joined = np.zeros((r + s, r + s, one.covariance.shape[-1]))
+    joined[:r, :r], joined[r:, r:] = one.covariance, other.covariance
+    coarser = one if one.steps.variance.sum() >= other.steps.variance.sum() else other
+    return RoundingErrors(joined, coarser.steps, coarser.channels)
+
+
+def rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple[str, ...]:
+    """Return a line on each kind of channels that are rounded, and on dead bands."""
+    kinds = {axis.name: axis.measures for axis in sensor.axes}
+    notes: list[str] = []
+    for kind, (word, unit, of_error) in _KINDS.items():
+        for dead in (False, True):
+            some = [c for c in channels if kinds[c.channel] == kind and c.dead_band == dead]
+            if not some:
+                continue
+            sizes = ", ".join(dict.fromkeys(format_quantity(c.step, 0.0, unit) for c in some))
+            names = ", ".join(c.channel for c in some)
+            size = read_unit(of_error).size
+            errors = ", ".join(f"{c.channel} ± {2 * c.std / size:.2g}" for c in some)
+            what = (
+                f"{word}s read one value within a band of {sizes} ({names})"
+                if dead
+                else f"{word} readings step by {sizes}, by more than their noise ({names})"
+            )
+            effect = (
+                "rests alone show the bias only to this (k = 2), however many there are"
+                if kind == "w"
+                else "each mean has this error (k = 2) by rounding"
+            )
+            notes.append(f"{what}; {effect}, and U includes it: {errors} {of_error}")
+    return tuple(notes)

@@ -1,0 +1,153 @@
+"""Rests without a plan: the marks that can be used, their attitudes, and transitions between rests.
+
+A hand at rest trembles, so a rest is described by its mean attitude. The rotation from one mean
+attitude to the next is the rate integrated with a weight that rises from 0 to 1 across the rest
+before, stays 1 in between and falls to 0 across the rest after: to first order in the wobble, the
+mean over a rest of the remaining rotation. Of long rests only the part next to the transition is
+weighted, since over a longer part the gyro's noise would exceed the wobble. Over a shorter part
+the sway of the hand would not average out.
+"""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from itertools import accumulate
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.physics.plan import Hold
+from inercal.physics.sensors import Sensor, inverse
+from inercal.recordings import Finding, Mark, Observations, Recording, Transitions, sample_count
+
+INVALID_SAMPLES = ("saturation", "stuck")
+# s of a rest that are weighted: a hand's sway takes some 3 s, and the noise of a weighted rest
+# matters little, since the mean rate of the rest has it too.
+WEIGHTED_DURATION = 5.0
+
+
+def valid_marks(
+    recording: Recording, sensor: Sensor, marks: Sequence[Mark]
+) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
+    """Return the marks, sorted by time, without those on saturated or stuck samples.
+
+    Returns
+    -------
+    marks : tuple of Mark
+    findings : tuple of Finding
+        A warning for each mark left out.
+
+    Raises
+    ------
+    InputError
+        No mark is left.
+    """
+    usable: list[Mark] = []
+    findings: list[Finding] = []
+    ordered = sorted(marks, key=lambda mark: mark.start)
+    flaws = range_findings(recording, sensor, [(mark.start, mark.stop) for mark in ordered])
+    for mark, flaw in zip(ordered, flaws, strict=True):
+        if flaw is None:
+            usable.append(mark)
+            continue
+        text = f"rest {mark.label} is left out: {flaw.message}"
+        findings.append(Finding("warning", "rests", text, flaw.channel, mark.start, mark.stop))
+    if not usable:
+        raise InputError(
+            f"{recording.source}: each rest has saturated or stuck samples: {findings[0].message}; "
+            "check the sensor and record again",
+            names=tuple(mark.label for mark in ordered),
+        )
+    return tuple(usable), tuple(findings)
+
+
+def range_findings(
+    recording: Recording, sensor: Sensor, ranges: Sequence[tuple[int, int]]
+) -> list[Finding | None]:
+    """Return for each half-open range a finding of saturated or stuck samples in it, or None.
+
+    A long recording may have as many findings as ranges: they are sorted once, not searched for
+    each range.
+    """
+    invalid = sorted(
+        (finding.start, finding.stop, k)
+        for k, finding in enumerate(recording.findings)
+        if finding.what in INVALID_SAMPLES and finding.channel in (None, *sensor.channels)
+        if finding.start is not None and finding.stop is not None
+    )
+    begins = [start for start, _, _ in invalid]
+    # Of the findings that begin before a range ends, the last to end overlaps it if any does.
+    last_to_end = list(accumulate(((stop, k) for _, stop, k in invalid), max))
+    flaws: list[Finding | None] = []
+    for start, stop in ranges:
+        before = bisect_left(begins, stop)
+        end, k = last_to_end[before - 1] if before else (start, 0)
+        flaws.append(recording.findings[k] if end > start else None)
+    return flaws
+
+
+def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple[Hold, ...]:
+    """Return a hold for each row, with its attitude from the nominal readings.
+
+    Parameters
+    ----------
+    observations : Observations
+        Rows are rests; without a trial axis.
+    sensor : Sensor
+        An accelerometer triad at least.
+    """
+    force = sensor.select_axes("f")
+    bare = Sensor(force.name, force.axes)
+    sensed = inverse(bare, observations.mean[:, : len(force.axes)], np.zeros(0)).f
+    ups = sensed / np.linalg.norm(sensed, axis=-1, keepdims=True)
+    return tuple(
+        Hold(label, (float(x), float(y), float(z)), float(seconds))
+        for label, (x, y, z), seconds in zip(
+            observations.labels, ups, observations.duration, strict=True
+        )
+    )
+
+
+def holds_from_marks(marks: Sequence[Mark]) -> tuple[Hold, ...]:
+    """Return a hold for each mark, with a placeholder where its attitude is unknown."""
+    return tuple(Hold(mark.label, (0.0, 0.0, 1.0), 0.0) for mark in marks)
+
+
+def transitions_between_rests(
+    recording: Recording, sensor: Sensor, marks: Sequence[Mark]
+) -> Transitions:
+    """Return the transitions between marks that are neighbours in time.
+
+    Transitions with a gap, or with saturated or stuck gyros, are left out.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without a trial axis.
+    sensor : Sensor
+        Its axes name the channels.
+    marks : sequence of Mark
+        Rests in the order of time.
+    """
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    in_place = columns == list(range(len(recording.channels)))
+    weighted = max(sample_count(WEIGHTED_DURATION, recording.median_step), 1)
+    length = np.array([min(mark.stop - mark.start, weighted) for mark in marks])
+    begin, end = np.array([(mark.start, mark.stop) for mark in marks]).T
+    start, left = end[:-1] - length[:-1], end[:-1] - 1
+    reached, stop = begin[1:], begin[1:] + length[1:] - 1
+    # A gap lies between two samples if the number of gaps before them differs.
+    gaps_before = np.searchsorted(recording.gaps[:, 0], np.stack([start, stop]))
+    ranges = list(zip(start.tolist(), (stop + 1).tolist(), strict=True))
+    flaws = range_findings(recording, sensor.select_axes("w"), ranges)
+    valid = np.array([flaw is None for flaw in flaws], dtype=np.bool_)
+    kept = np.flatnonzero((gaps_before[0] == gaps_before[1]) & valid)
+    return Transitions(
+        time=recording.time,
+        output=recording.data if in_place else recording.data[:, columns],
+        rest=kept,
+        start=start[kept],
+        left=left[kept],
+        reached=reached[kept],
+        stop=stop[kept],
+        temperature=recording.temperature,
+    )

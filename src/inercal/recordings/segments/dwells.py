@@ -1,0 +1,341 @@
+"""Dwells of a centrifuge's arm: detected by their steady rate, and averaged over whole turns.
+
+A recording of an arm run spins up, dwells, and spins up further or down. A dwell is a range in
+which the rate of the readback stays within a part in 500. It is cut to whole turns, so that errors
+with the period of a turn (the lean of the spindle) average out. Turns are the batches of its noise:
+the mean of a turn does not depend on the turn, and the scatter of turns is the noise of the mean
+with any correlation within a turn. Slower noise is drift, which the sensor's noise states. Dwells
+at one rate share their noise, because vibration depends on the rate.
+
+On a platform that turns against the arm the sensor measures the rotation of the arm, and the output
+of a nonlinear sensor has harmonics. Mean and harmonics up to the h-th of each turn are 2h + 1
+numbers; they are returned as the values of the fitted curve at 2h + 1 even azimuths, each a row
+like a separate dwell. The harmonics are orthogonal, so these values are as independent as the
+samples. The first harmonic of the readings themselves corrects the azimuth of the readback.
+"""
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import pi
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.errors import InputError
+from inercal.physics.plan import Attitude, Spin, arm_attitude
+from inercal.physics.sensors import Sensor
+from inercal.recordings import (
+    Finding,
+    Mark,
+    Observations,
+    Recording,
+    rounded_channels,
+    rounding_notes,
+)
+from inercal.recordings.segments.attitudes import INVALID_SAMPLES
+from inercal.recordings.segments.drift import drift_covariance
+from inercal.recordings.segments.reading_steps import reading_steps
+
+ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
+_STEADY = 2e-3  # of the rate
+_WINDOW = 0.5  # s
+TURNING_SHARE = 0.02  # of the largest rate; slower is at rest
+SETTLING_TIME = 1.0  # s after the rate is reached
+LEAST_TURNS = 3
+_ALIKE = 0.01  # relative difference of rates that count as equal
+_SAME = 5e-4  # rad; directions of the readback closer than this are one attitude
+
+
+@dataclass(frozen=True)
+class Dwell:
+    """Samples of whole turns at a steady rate, rad/s: root mean square of the readback, signed."""
+
+    mark: Mark
+    rate: float
+    turns: int
+    attitude: Attitude | None
+
+
+def find_dwells(
+    recording: Recording, turning_device: str = "arm"
+) -> tuple[tuple[Dwell, ...], tuple[Finding, ...]]:
+    """Return the dwells of an arm run, and findings on dwells left out.
+
+    Parameters
+    ----------
+    recording : Recording
+        With readback "arm_rate", rad/s; labels, if any, name positions, and readback "psi" and
+        "theta", rad, if any, are the attitudes of a two-axis head.
+    turning_device : str
+        Name of the turning device in messages.
+
+    Raises
+    ------
+    InputError
+        No dwell of three turns.
+    """
+    smooth, steady = steady_rate(recording)
+    cuts = [int(before) + 1 for before in recording.gaps[:, 0]]
+    if recording.labels is not None:
+        cuts += (np.flatnonzero(recording.labels[1:] != recording.labels[:-1]) + 1).tolist()
+    dwells: list[Dwell] = []
+    left_out: list[Finding] = []
+    for first, last in true_ranges(steady).tolist():
+        inner = sorted({first, last, *(cut for cut in cuts if first < cut < last)})
+        for start, stop in pairwise(inner):
+            dwell = _whole_turns(recording, start, stop, dwells)
+            if dwell is None:
+                continue
+            inside = smooth[dwell.mark.start : dwell.mark.stop]
+            flaw = flaw_text(recording, dwell.mark)
+            if np.ptp(inside) > _STEADY * abs(dwell.rate):
+                flaw = f"the rate changes by {1e6 * np.ptp(inside) / abs(dwell.rate):.0f} ppm"
+            if flaw is None:
+                dwells.append(dwell)
+            else:
+                text = f"dwell {dwell.mark.label} is left out: {flaw}"
+                mark = dwell.mark
+                left_out.append(Finding("warning", "dwell", text, None, mark.start, mark.stop))
+    if not dwells:
+        reasons = f" ({left_out[0].message})" if left_out else ""
+        fastest = float(np.abs(smooth).max()) * 30 / pi
+        raise InputError(
+            f"{recording.source or 'recording'}: no dwell was detected: a dwell needs a steady "
+            f"rate for {SETTLING_TIME:g} s and {LEAST_TURNS} turns more, and the "
+            f"{turning_device} has none up to {fastest:.4g} rpm{reasons}; check the column of the "
+            "rate, or record again",
+            file=recording.source or None,
+            names=(ARM_RATE,),
+        )
+    return tuple(dwells), tuple(left_out)
+
+
+def _whole_turns(
+    recording: Recording, start: int, stop: int, before: Sequence[Dwell]
+) -> Dwell | None:
+    """Return the dwell of whole turns within steady samples, after the arm has settled."""
+    start += round(SETTLING_TIME * recording.rate_hz)
+    if stop - start < 2:
+        return None
+    rate = recording.readback[ARM_RATE][start:stop]
+    angle = np.abs(swept_angle(rate, recording.time[start:stop]))
+    # The last sample ends its turn one step later.
+    turns = int((angle[-1] + angle[1]) / (2 * pi))
+    if turns < LEAST_TURNS:
+        return None
+    stop = start + _turn_boundaries(angle, [turns])[0]
+    rate = rate[: stop - start]
+    mean = float(np.copysign(np.sqrt(np.mean(rate**2)), rate.mean()))
+    name = "" if recording.labels is None else str(recording.labels[start]).strip()
+    label = once = f"{name or 'dwell'} at {abs(mean) * 30 / pi:.4g} rpm"
+    k = 1
+    while label in {dwell.mark.label for dwell in before}:
+        k += 1
+        label = f"{once} ({k})"
+    attitude = None
+    if PSI in recording.readback:
+        psi, theta = (float(recording.readback[angle][start:stop].mean()) for angle in (PSI, THETA))
+        attitude = _earlier_attitude(arm_attitude(psi, theta), before)
+    return Dwell(Mark(label, start, stop), mean, turns, attitude)
+
+
+def _earlier_attitude(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
+    """Return the equal attitude of an earlier dwell: readbacks of it differ in their last digits.
+
+    Dwells in one attitude share the errors of its angles.
+    """
+    for dwell in before:
+        if dwell.attitude is not None and np.allclose(
+            (dwell.attitude.out, dwell.attitude.up), (attitude.out, attitude.up), atol=_SAME, rtol=0
+        ):
+            return dwell.attitude
+    return attitude
+
+
+def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the mean rate over half a second, (n,) rad/s, and a mask of steady turning."""
+    width = max(round(_WINDOW * recording.rate_hz), 3)
+    smooth: Array = scipy.ndimage.uniform_filter1d(recording.readback[ARM_RATE], width)
+    spread: Array = scipy.ndimage.maximum_filter1d(smooth, width) - scipy.ndimage.minimum_filter1d(
+        smooth, width
+    )
+    size = np.abs(smooth)
+    return smooth, (spread <= _STEADY * size) & (size > TURNING_SHARE * size.max())
+
+
+def flaw_text(recording: Recording, mark: Mark) -> str | None:
+    """Return the audit's message on saturated or stuck samples of a mark, if any."""
+    for finding in recording.findings:
+        if finding.what not in INVALID_SAMPLES or finding.start is None or finding.stop is None:
+            continue
+        if finding.start < mark.stop and finding.stop > mark.start:
+            return finding.message
+    return None
+
+
+def average_dwells(
+    recording: Recording,
+    sensor: Sensor,
+    dwells: Sequence[Dwell],
+    harmonics: int = 0,
+    sense: int = 1,
+) -> tuple[Observations, tuple[Spin, ...]]:
+    """Return one row for each dwell, or with harmonics for each of its azimuths, and their steps.
+
+    Parameters
+    ----------
+    recording : Recording
+    sensor : Sensor
+    dwells : sequence of Dwell
+    harmonics : int
+        0 on a platform locked to the arm; else the highest harmonic of the fit.
+    sense : 1 or -1
+        Sense of a positive rate, counter-clockwise or clockwise; azimuths are counted from the
+        start of the recording.
+
+    Raises
+    ------
+    InputError
+        Too few turns for a covariance of the sensor's axes.
+    """
+    k = 2 * harmonics + 1
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    angle = swept_angle(recording.readback[ARM_RATE], recording.time)
+    means: list[Array] = []
+    scatters: list[Array] = []
+    for dwell in dwells:
+        inside = slice(dwell.mark.start, dwell.mark.stop)
+        y = sensor.to_si(recording.data[inside, columns])
+        by_turn = _turn_readings(y, sense * angle[inside], dwell.turns, harmonics)
+        means.append(by_turn.mean(axis=0))
+        off = (by_turn - means[-1]).reshape(-1, y.shape[-1])
+        scatters.append(off.T @ off)
+    seconds = np.array([recording.span(d.mark.start, d.mark.stop) for d in dwells])
+    covariance, dof = _pooled_covariance(recording, dwells, seconds, scatters, k)
+    coarse = reading_steps(
+        recording.data, columns, sensor, [(d.mark.start, d.mark.stop) for d in dwells]
+    )
+    mean, covariance = np.concatenate(means), np.repeat(covariance, k, axis=0)
+    rounding = coarse.errors_of_means(mean)
+    notes: tuple[str, ...] = ()
+    if rounding is not None:
+        rounding = replace(
+            rounding, channels=rounded_channels(sensor, coarse, covariance, coarse.variance)
+        )
+        notes = rounding_notes(sensor, rounding.channels)
+        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(columns))
+    samples = np.array([d.mark.stop - d.mark.start for d in dwells])
+    starts = np.array([recording.time[d.mark.start] for d in dwells])
+    drift = drift_covariance(
+        [axis.noise for axis in sensor.axes],
+        starts + seconds / 2 - recording.time[0],
+        seconds,
+        recording.duration,
+    )
+    if drift is not None:
+        drift = drift.repeat(k, axis=0).repeat(k, axis=1)
+    steps = tuple(
+        Spin(d.mark.label, d.rate, 0.0, d.attitude)
+        if not harmonics
+        else Spin(f"{d.mark.label}, {360 * j / k:.0f}°", d.rate, 0.0, d.attitude, 2 * pi * j / k)
+        for d in dwells
+        for j in range(k)
+    )
+    kelvin = recording.temperature
+    if kelvin is not None:
+        kelvin = np.repeat([float(kelvin[d.mark.start : d.mark.stop].mean()) for d in dwells], k)
+    observations = Observations(
+        labels=tuple(step.label for step in steps),
+        mean=mean,
+        covariance=covariance,
+        duration=np.repeat(seconds, k),
+        samples=np.repeat(samples, k),
+        time=np.repeat(starts + seconds / 2, k),
+        channels=sensor.channels,
+        dof=dof,
+        drift=drift,
+        rounding=rounding,
+        notes=notes,
+        temperature=kelvin,
+    )
+    return observations, steps
+
+
+def _turn_boundaries(angle: Array, turns: Sequence[int]) -> list[int]:
+    """Return the samples at which an angle, (n,) rad from 0, completes turns."""
+    limits = 2 * pi * np.array(turns) - 0.5 * angle[1]
+    return [int(np.count_nonzero(angle < limit)) for limit in limits.tolist()]
+
+
+def swept_angle(rate: Array, time: Array) -> Array:
+    """Return the angle that a rate, (n,) rad/s, has swept since the first sample, rad."""
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _turn_readings(y: Array, azimuth: Array, turns: int, harmonics: int) -> Array:
+    """Return the values of each turn, (turns, 2h + 1, m): its mean, or the curve of harmonics."""
+    along = np.abs(azimuth - azimuth[0])
+    edges = [0, *_turn_boundaries(along, range(1, turns)), len(y)]
+    if harmonics == 0:
+        return np.add.reduceat(y, edges[:-1])[:, None] / np.diff(edges)[:, None, None]
+    # An error of 1e-6 in the readback rate shifts the phase of tens of g from turn to turn: the
+    # first harmonic of the dwell measures the arm's azimuth far better.
+    first = _harmonics(y, azimuth, edges, 1)
+    wave = first[:, 1] - 1j * first[:, 2]
+    phase = np.unwrap(np.angle((wave * wave[:1].conj()).sum(axis=-1)))
+    middle = np.array([azimuth[a:b].mean() for a, b in pairwise(edges)])
+    off = middle - middle.mean()
+    slope = float(off @ phase / (off @ off))
+    azimuth = azimuth + slope * (azimuth - middle.mean())
+    at = _harmonic_basis(2 * pi * np.arange(2 * harmonics + 1) / (2 * harmonics + 1), harmonics)
+    return at @ _harmonics(y, azimuth, edges, harmonics)
+
+
+def _harmonics(y: Array, azimuth: Array, edges: Sequence[int], highest: int) -> Array:
+    """Return mean, cosines and sines of each turn, (turns, 2h + 1, m)."""
+    fits = [
+        np.linalg.lstsq(_harmonic_basis(azimuth[a:b], highest), y[a:b])[0]
+        for a, b in pairwise(edges)
+    ]
+    return np.stack(fits).astype(np.float64, copy=False)
+
+
+def _harmonic_basis(azimuth: Array, harmonics: int) -> Array:
+    """Return 1, cos α, sin α, cos 2α, … in columns."""
+    angles = azimuth[:, None] * np.arange(1, harmonics + 1)
+    return np.concatenate([np.ones((len(azimuth), 1)), np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _pooled_covariance(
+    recording: Recording,
+    dwells: Sequence[Dwell],
+    seconds: Array,
+    scatters: Sequence[Array],
+    rows: int,
+) -> tuple[Array, float]:
+    """Return the covariance of each dwell's rows, (d, m, m), and the least degrees of freedom.
+
+    Dwells at one rate share the density of their noise, the scatter of turns times their length;
+    where a rate has too few turns, all dwells share it.
+    """
+    m = scatters[0].shape[0]
+    rates = np.array([abs(dwell.rate) for dwell in dwells])
+    turns = np.array([dwell.turns for dwell in dwells])
+    alike = np.abs(rates[:, None] / rates - 1) < _ALIKE
+    freedom = alike @ (rows * (turns - 1))
+    if freedom.min() < 10 * m:
+        alike = np.ones_like(alike)
+        freedom = alike @ (rows * (turns - 1))
+    if freedom.min() < 10 * m:
+        raise InputError(
+            f"{recording.source or 'recording'}: {int(turns.sum())} turns in {len(dwells)} dwells "
+            f"are too few to estimate the noise of {m} channels; record longer dwells"
+        )
+    densities = np.stack(scatters) * (seconds / turns)[:, None, None]
+    total = np.einsum("de,eij->dij", alike, densities)
+    return total / (freedom * seconds)[:, None, None], float(freedom.min())

@@ -1,0 +1,346 @@
+"""Detection of the sections of a plan in the signal: rests by their scatter, turns by their angle.
+
+The scatter of the signal over half a second is compared with its quietest level, so that no
+threshold depends on units or on the sensor. Where some positions scatter by more than three times
+that level, the threshold between the two classes of scatter, rest and motion, replaces it
+(`inercal.recordings.segments.motion_thresholds`). The direction of the mean specific force
+identifies a rest, axis and angle of the integrated rate identify a turn.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.errors import InputError
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Mark, Recording, sample_count
+from inercal.recordings.segments.motion_thresholds import (
+    KIND_NAMES,
+    MotionThreshold,
+    axis_kinds,
+    gapless_segments,
+    motion_threshold,
+)
+
+WINDOW = 0.5  # s over which scatter is computed
+MARGIN = 0.25  # s cut off both ends of a rest, where the hand grips and lets go
+SHORTEST = 1.0  # s
+# Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, a hand's
+# movement is tens to thousands.
+_RESTLESS = 3.0
+# A resting rate may differ between attitudes by so many quietest scatters, and by so many rad/s:
+# no hand turns slower, and the earth and gravity have smaller effects.
+_TURNING, _SLOWEST = 10.0, 0.01
+_ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the nominal direction
+_LONGER = 2.0  # times another rest of its position: the shorter rest is a quiet moment of it
+_ROUGHLY = 0.7  # the cosine before biases are subtracted
+_EVEN = 1e-6  # length of the mean direction of attitudes in opposite pairs
+_TURN_TOLERANCE = 0.25  # relative error of a turn's angle within which it fits the plan
+
+
+@dataclass(frozen=True)
+class SectionDetection:
+    """The detected sections of a plan, and the thresholds.
+
+    Parameters
+    ----------
+    marks : tuple of Mark
+        In the order of the plan; the longest rest where several fit a step.
+    missing : tuple of str
+        Labels of the plan's holds that no rest fits.
+    rests : tuple of Mark
+        All rests, "rest 1", "rest 2", … sorted by time.
+    levels : tuple of MotionThreshold
+        Scatter at rest and in motion, and the threshold, of each kind of axis.
+    """
+
+    marks: tuple[Mark, ...]
+    missing: tuple[str, ...]
+    rests: tuple[Mark, ...]
+    levels: tuple[MotionThreshold, ...]
+
+    @property
+    def words(self) -> str:
+        """Number of rests and thresholds, in one line."""
+        found = f"{len(self.rests)} rests of {SHORTEST:g} s or more are detected"
+        return "; ".join([found, *(_threshold_text(level) for level in self.levels)])
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A warning where positions are missing."""
+        if not self.missing:
+            return ()
+        text = f"no rest fits {', '.join(self.missing)}: {self.words}"
+        return (Finding("warning", "missing", text),)
+
+
+def _threshold_text(level: MotionThreshold) -> str:
+    kind, unit = KIND_NAMES[level.kind], level.unit
+    return (
+        f"scatter at rest {level.quiet:.3g} {unit}, threshold {level.threshold:.3g} {unit} ({kind})"
+    )
+
+
+def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[HandStep]) -> tuple[Mark, ...]:
+    """Return a mark for each detected step: the marks of `find_sections`."""
+    return find_sections(recording, sensor, steps).marks
+
+
+def find_sections(
+    recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
+) -> SectionDetection:
+    """Return the detected sections of a plan, as `search_sections` does.
+
+    Raises
+    ------
+    InputError
+        No rest, or the sensor is not a triad.
+    """
+    found = search_sections(recording, sensor, steps)
+    if not found.rests:
+        raise InputError(
+            f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s is detected "
+            f"({'; '.join(map(_threshold_text, found.levels))}); mark the sections in a file or a "
+            "column",
+            names=tuple(step.label for step in steps),
+        )
+    return found
+
+
+def search_sections(
+    recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
+) -> SectionDetection:
+    """Return the detected sections of a plan, perhaps none.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without a trial axis.
+    sensor : Sensor
+        Triads with nominal readouts; turns need gyros, and gyros improve the detection of rests.
+    steps : sequence of HandStep
+
+    Raises
+    ------
+    InputError
+        A recording that is too short, or the sensor is not a triad.
+    """
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    y = sensor.to_si(recording.data[:, columns])
+    force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
+    if len(force) != 3 or len(rate) not in (0, 3):
+        raise InputError(
+            f"sensor {sensor.name} has {len(force)} accelerometers and {len(rate)} gyros; sections "
+            "are detected only for three of each, or three accelerometers: mark them in a file or "
+            "a column",
+            names=sensor.channels,
+        )
+    window = max(sample_count(WINDOW, recording.median_step), 4)
+    if y.shape[0] < 4 * window:
+        raise InputError(
+            f"{recording.source}: {recording.duration:.2g} s are too short to detect sections; "
+            f"record {4 * WINDOW:g} s at least"
+        )
+    channels = [_Channel(y[:, k], window) for k in range(y.shape[1])]
+    quietest = [channel.limit for channel in channels]
+    found = _sections(recording, sensor, steps, y, channels, quietest)
+    thresholds = _class_thresholds(recording, sensor, window)
+    wider = [
+        max(limit, thresholds.get(axis.measures, 0.0))
+        for limit, axis in zip(quietest, sensor.axes, strict=True)
+    ]
+    if wider != quietest:
+        other = _sections(recording, sensor, steps, y, channels, wider)
+        found = other if _finds_more(other, found) else found
+    return found
+
+
+class _Channel:
+    """Scatter and mean of a channel over a sliding window, and the largest scatter of rest.
+
+    This limit is three times the scatter of the quietest tenth.
+    """
+
+    def __init__(self, x: Array, window: int):
+        middle = x.mean()
+        centred = x - middle
+        sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (centred, centred**2)]
+        n = x.size
+        start = np.clip(np.arange(n) - window // 2, 0, n - window)
+        mean, square = ((s[start + window] - s[start]) / window for s in sums)
+        self.mean = mean
+        self.deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
+        # A coarsely quantised channel may be constant: its smallest step limits the scatter below.
+        steps = np.abs(np.diff(x))
+        least = float(steps[steps > 0].min()) if (steps > 0).any() else 1.0
+        self.floor = max(float(np.quantile(self.deviation, 0.1)), 0.3 * least)
+        self.limit = _RESTLESS * self.floor
+
+    def at_rest(self, limit: float, *, rate: bool) -> NDArray[np.bool_]:
+        """Return where the channel scatters less than the limit and, if a rate, does not turn."""
+        quiet = self.deviation < limit
+        if rate and quiet.any():
+            # In the middle of a turn the rate may be as steady as at rest, but it differs.
+            away = np.abs(self.mean - np.median(self.mean[quiet]))
+            quiet &= away < max(_TURNING * self.floor, _SLOWEST)
+        return quiet
+
+
+def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict[str, float]:
+    """Return the threshold between rest and motion, SI, of the kinds of axis that have one."""
+    segments = gapless_segments(recording)
+    found: dict[str, float] = {}
+    for kind in axis_kinds(recording, sensor):
+        if int((segments[:, 1] - segments[:, 0]).max()) < window:
+            continue
+        level, _ = motion_threshold(recording, kind, segments, window)
+        if np.isfinite(level.threshold):
+            first = next(axis for axis in sensor.axes if axis.measures == kind.kind)
+            found[kind.kind] = level.threshold / abs(first.readout.scale)
+    return found
+
+
+def _finds_more(one: SectionDetection, other: SectionDetection) -> bool:
+    """Return whether a search finds all steps of another, and a further or a far longer one."""
+    if not set(other.missing) >= set(one.missing):
+        return False
+    labels = {mark.label for mark in one.marks}
+    if not labels >= {mark.label for mark in other.marks}:
+        return False
+    size = {mark.label: mark.stop - mark.start for mark in other.marks}
+    return one.missing != other.missing or any(
+        mark.label in size and mark.stop - mark.start > _LONGER * size[mark.label]
+        for mark in one.marks
+    )
+
+
+def _sections(
+    recording: Recording,
+    sensor: Sensor,
+    steps: Sequence[HandStep],
+    y: Array,
+    channels: Sequence["_Channel"],
+    limits: Sequence[float],
+) -> SectionDetection:
+    """Return the detected sections of a plan; rests scatter less than the limit of each channel."""
+    force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
+    quiet = np.ones(len(y), dtype=np.bool_)
+    for k in (*force, *rate):
+        quiet &= channels[k].at_rest(limits[k], rate=k in rate)
+    for before, after in recording.gaps:
+        quiet[before : after + 1] = False
+    margin, shortest = (sample_count(s, recording.median_step) for s in (MARGIN, SHORTEST))
+    rests = [
+        (a + margin, b - margin)
+        for a, b in true_ranges(quiet).tolist()
+        if b - a - 2 * margin >= shortest
+    ]
+    kinds: list[tuple[Literal["f", "w"], list[int]]] = [("f", force), ("w", rate)]
+    levels = tuple(
+        _level(sensor, kind, [channels[k] for k in own], [limits[k] for k in own], quiet)
+        for kind, own in kinds
+        if own
+    )
+    marks: list[Mark] = []
+    if rests:
+        marks = _holds(y[:, force], rests, steps)
+        if rate:
+            marks += _turns(y[:, rate], y[:, force], recording, quiet, rests, steps)
+    order = [step.label for step in steps]
+    named = {mark.label for mark in marks}
+    return SectionDetection(
+        tuple(sorted(marks, key=lambda mark: order.index(mark.label))),
+        tuple(s.label for s in steps if isinstance(s, Hold) and s.label not in named),
+        tuple(Mark(f"rest {k}", a, b) for k, (a, b) in enumerate(rests, 1)),
+        levels,
+    )
+
+
+def _level(
+    sensor: Sensor,
+    kind: Literal["f", "w"],
+    channels: Sequence[_Channel],
+    limits: Sequence[float],
+    quiet: NDArray[np.bool_],
+) -> MotionThreshold:
+    """Return the scatter of a kind of axis, in output units: root mean square over its axes."""
+    axis = next(axis for axis in sensor.axes if axis.measures == kind)
+    scale = abs(axis.readout.scale)
+    scatter = np.sqrt(np.mean([channel.deviation**2 for channel in channels], axis=0)) * scale
+    return MotionThreshold(
+        kind,
+        axis.readout.unit,
+        float(np.median(scatter[quiet])) if quiet.any() else float(np.min(scatter)),
+        float(np.median(scatter[~quiet])) if not quiet.all() else float(np.max(scatter)),
+        float(np.sqrt(np.mean(np.square(limits)))) * scale,
+    )
+
+
+def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]) -> list[Mark]:
+    means = np.array([f[a:b].mean(axis=0) for a, b in rests])
+    ups = np.array([step.up for step in steps if isinstance(step, Hold)]).reshape(-1, 3)
+    means = means - _offset(means, ups)
+    directions = means / np.linalg.norm(means, axis=1, keepdims=True)
+    marks: list[Mark] = []
+    for step in steps:
+        if isinstance(step, Hold):
+            fitting: list[int] = np.flatnonzero(directions @ np.array(step.up) > _ALIGNED).tolist()
+            if fitting:
+                a, b = max((rests[k] for k in fitting), key=lambda rest: rest[1] - rest[0])
+                marks.append(Mark(step.label, a, b))
+    return marks
+
+
+def _offset(means: Array, ups: Array) -> Array:
+    """Return rough biases, (3,): the mean over rests in opposite attitudes, else zero.
+
+    A bias of 0.4 g changes the direction of a face by more than the cosine between faces allows.
+    """
+    directions = means / np.linalg.norm(means, axis=1, keepdims=True)
+    near = directions @ ups.T
+    every = (near > _ROUGHLY).any(axis=0).all()
+    if not every or not len(ups) or np.linalg.norm(ups.mean(axis=0)) > _EVEN:
+        return np.zeros(3)
+    faces = [means[near[:, k] > _ROUGHLY].mean(axis=0) for k in range(len(ups))]
+    return np.asarray(np.mean(faces, axis=0), dtype=float)
+
+
+def _turns(
+    w: Array,
+    f: Array,
+    recording: Recording,
+    quiet: NDArray[np.bool_],
+    rests: Sequence[tuple[int, int]],
+    steps: Sequence[HandStep],
+) -> list[Mark]:
+    """Return the turns by the planned angle about the vertical, where gravity does not move."""
+    bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
+    window = sample_count(WINDOW, recording.median_step)
+    candidates: list[tuple[int, int, Array]] = []
+    for a, b in true_ranges(~quiet).tolist():
+        if b - a < 2:
+            continue
+        before, after = (
+            f[max(a - window, 0) : a + 1].mean(axis=0),
+            f[b - 1 : b + window].mean(axis=0),
+        )
+        if before @ after > _ALIGNED * np.linalg.norm(before) * np.linalg.norm(after):
+            candidates.append((a, b, (w[a:b] - bias).mean(axis=0) * recording.span(a, b)))
+    marks: list[Mark] = []
+    for step in steps:
+        if not isinstance(step, Turn):
+            continue
+        # In either sense: the check of the plan reports a turn in the opposite direction.
+        nominal = np.abs(step.angle * np.array(step.axis))
+        apart = [float(np.linalg.norm(np.abs(angle) - nominal)) for _, _, angle in candidates]
+        if apart and min(apart) < _TURN_TOLERANCE * abs(step.angle):
+            a, b, _ = candidates[int(np.argmin(apart))]
+            marks.append(Mark(step.label, a, b))
+    return marks

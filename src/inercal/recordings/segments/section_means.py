@@ -1,0 +1,283 @@
+"""From marked sections to observations: means with their covariance.
+
+The noise of the resting sections is pooled: its density at zero frequency, by batch means, gives
+the covariance of each mean, also of the turns (the scatter within a turn is motion, not noise). A
+correlation longer than a batch enlarges the covariance, and a section with another scatter than the
+others gets a separate variance (`inercal.recordings.segments.section_noise`). Bias instability and
+random walk, which act between sections, are not estimated: the sensor's noise states them. Where it
+does not, a drift is not excluded. The slopes within all sections measure one that is quadratic in
+time, with an uncertainty that is several times that of a mean. Taken off the means, with its
+covariance between them, it is weighed against all else that shows a drift, such as repeated
+positions: the fit is that of means and slopes together.
+
+A slow ramp of temperature moves a bias within a section, which is not noise. Over all sections each
+channel has two slopes, of its bias and of its scale factor, by least squares::
+
+    y − ȳ = (a + b ȳ)(T − T̄) + noise
+
+and their effect is subtracted before the noise is estimated. The means are not changed: the
+temperature coefficients describe the effect of T̄. A section whose temperature varies by less than
+0.02 K counts as constant: the noise of the temperature sensor would explain as much of the
+readings' noise.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty import BATCHES, pooled_mean_covariances
+from inercal.physics.plan import Rotation, Step, Turn
+from inercal.physics.sensors import Sensor
+from inercal.recordings import (
+    Mark,
+    Observations,
+    Recording,
+    rounded_channels,
+    rounding_notes,
+)
+from inercal.recordings.segments.attitudes import INVALID_SAMPLES
+from inercal.recordings.segments.drift import drift_covariance
+from inercal.recordings.segments.hand_motion_noise import (
+    density_without_hand_motion,
+    noise_degrees_of_freedom,
+)
+from inercal.recordings.segments.reading_steps import reading_steps
+from inercal.recordings.segments.section_noise import (
+    SectionNoise,
+    drift_notes,
+    section_noise_statistics,
+)
+from inercal.recordings.segments.stillness import require_still
+from inercal.recordings.temperature_course import temperature_varies
+
+Sections = Callable[[], Iterable[Array]]
+"""Returns the sections anew with each call, (..., n, m) each."""
+MIN_SAMPLES = 20  # fewer leave no batches from which to estimate the noise
+_CONSTANT = 0.02  # K
+_FREEDOM = 342  # degrees of freedom behind the noise: those of 18 rests of 20 batches
+
+
+def observe(
+    recording: Recording,
+    sensor: Sensor,
+    marks: Sequence[Mark],
+    steps: Sequence[Step],
+    *,
+    by_hand: bool = False,
+    found: bool = False,
+    drifting: bool = False,
+    turning: Sequence[str] = (),
+) -> Observations:
+    """Return one row for each marked step, in the order of `steps`.
+
+    Parameters
+    ----------
+    recording : Recording
+    sensor : Sensor
+        Its axes name the used channels; its readout converts to SI.
+    marks : sequence of Mark
+    steps : sequence of Step
+    by_hand : bool
+        Whether the sensor trembles: the accelerometers' noise is then estimated along gravity
+        (`inercal.recordings.segments.hand_motion_noise`). Without a trial axis.
+    found : bool
+        Whether the sections are known to be at rest: they were detected by their scatter, or
+        `require_still` has checked them.
+    drifting : bool
+        Whether the drift of the accelerometers that the slopes of the sections show, about the
+        middle of the rests, is in `drift_mean`, and what they leave open of it in `drift`. Without
+        a trial axis.
+    turning : sequence of str
+        Labels of further steps whose scatter is motion.
+
+    Raises
+    ------
+    InputError
+        A section is too short, no hold is marked, or a section lies on a flaw of the recording.
+    """
+    by_label = {mark.label: mark for mark in marks}
+    used = [step for step in steps if step.label in by_label]
+    columns = [recording.channels.index(name) for name in sensor.channels]
+
+    def section(step: Step, data: Array = recording.data) -> Array:
+        # Converted with each call: all sections together may be as large as the recording.
+        mark = by_label[step.label]
+        return sensor.to_si(data[..., mark.start : mark.stop, columns])
+
+    for step in used:
+        mark = by_label[step.label]
+        _refuse_flaws(recording, mark, step, sensor.channels)
+        if mark.stop - mark.start < MIN_SAMPLES:
+            raise InputError(
+                f"{recording.source}: section {mark.label} has {mark.stop - mark.start} "
+                f"sample{'s' * (mark.stop - mark.start > 1)}; mark at least {MIN_SAMPLES}",
+                names=(mark.label,),
+            )
+    moving = [s.label for s in used if isinstance(s, Turn | Rotation) or s.label in turning]
+    holds = [step for step in used if step.label not in moving]
+    if not holds:
+        raise InputError(f"{recording.source}: no position at rest is marked; mark one at least")
+    if not found:
+        require_still(recording, sensor, [by_label[step.label] for step in holds])
+    batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
+    temperature = recording.temperature
+
+    def resting(data: Array, kelvin: Array | None) -> Sections:
+        """Return the sections at rest, without the effect of a temperature change within them."""
+        raw = partial(map, partial(section, data=data), holds)
+        if kelvin is None or not sensor.uses("dT"):
+            return raw
+        spans = [slice(by_label[s.label].start, by_label[s.label].stop) for s in holds]
+        return remove_temperature_trend(raw, [kelvin[..., span] for span in spans])
+
+    at_rest_all = resting(recording.data, temperature)
+    of_holds, dof = pooled_mean_covariances(at_rest_all(), batches)
+    samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
+    density = of_holds[0] * samples[used.index(holds[0])]
+    if by_hand:
+        density = density_without_hand_motion(density, sensor, at_rest_all())
+        dof = min(dof, noise_degrees_of_freedom(len(holds)))
+    ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
+    steps_of_readings = reading_steps(
+        recording.data, columns, sensor, [ranges[used.index(step)] for step in holds]
+    )
+    coarse = steps_of_readings.variance
+    durations = np.array([recording.span(*limits) for limits in ranges])
+    middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
+    covariance = density[..., None, :, :] / samples[:, None, None]
+    at_rest = [used.index(step) for step in holds]
+    names = [step.label for step in holds]
+    since = middles - middles[at_rest].mean()
+
+    def judged(of: Sections) -> tuple[Array, SectionNoise]:
+        """Return the factors on the deviations of all rows, (r, m), and their statistics."""
+        noise = section_noise_statistics(
+            sensor, of, durations[at_rest], since[at_rest], names, coarse, by_hand=by_hand
+        )
+        variance = noise.factor(durations, durations[at_rest], batches)
+        variance[at_rest] *= noise.scale
+        return np.sqrt(variance), noise
+
+    of_rows = None
+    if temperature is not None:
+        of_rows = np.stack([temperature[..., a:b].mean(axis=-1) for a, b in ranges], axis=-1)
+    tests, notes, noise, course = (), (), None, None
+    drift = drift_covariance(
+        [axis.noise for axis in sensor.axes],
+        middles - recording.time[0],
+        durations,
+        recording.duration,
+    )
+    if recording.data.ndim == 2:
+        factor, noise = judged(at_rest_all)
+        tests, notes = noise.tests, noise.notes
+        slow = noise.drift
+        if sensor.uses("dT") and temperature_varies(of_rows):
+            # A drift of the accelerometers cannot be told from terms of the temperature.
+            slow = slow.of_channels([axis.measures == "w" for axis in sensor.axes])
+        if drifting and slow.covariance.any():
+            course, shared = slow.course(since, recording.duration)
+            drift = shared if drift is None else drift + shared
+            reach = np.sqrt(slow.covariance[:, 0, 0]) * recording.duration
+            notes = (*notes, *drift_notes(sensor, reach))
+    else:
+        trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
+        kelvins: list[Array | None] = [temperature] * len(trials)
+        if temperature is not None and temperature.ndim > 1:
+            kelvins = list(np.broadcast_to(temperature, trials.shape[:-1]).reshape(len(trials), -1))
+        each = zip(trials, kelvins, strict=True)
+        factor = np.stack([judged(resting(one, kelvin))[0] for one, kelvin in each])
+        factor = factor.reshape(*recording.data.shape[:-2], *factor.shape[1:])
+    covariance = covariance * factor[..., :, None] * factor[..., None, :]
+    if noise is not None:
+        covariance[at_rest] += noise.disturbance_variance[:, :, None] * np.eye(len(columns))
+    mean = np.stack([section(step).mean(axis=-2) for step in used], axis=-2)
+    rounding = None
+    if coarse.any():
+        trial = recording.data.reshape(-1, *recording.data.shape[-2:])[0]
+        scatter = np.stack([section(step, trial).std(axis=-2) for step in used])
+        rounding = steps_of_readings.errors_of_means(mean, samples, scatter)
+    if rounding is not None:
+        channels = rounded_channels(sensor, steps_of_readings, covariance, coarse)
+        rounding = replace(rounding, channels=channels)
+        notes = (*notes, *rounding_notes(sensor, channels))
+        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(columns))
+    return Observations(
+        labels=tuple(step.label for step in used),
+        mean=mean,
+        covariance=covariance,
+        duration=durations,
+        samples=samples,
+        time=middles,
+        channels=sensor.channels,
+        dof=dof,
+        drift=drift,
+        drift_mean=course,
+        rounding=rounding,
+        tests=tests,
+        notes=notes,
+        temperature=of_rows,
+    )
+
+
+def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:
+    """Refuse a section with saturated or stuck samples, or a turn with lost samples."""
+    where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"
+    for flaw in recording.findings:
+        if flaw.what not in INVALID_SAMPLES or flaw.start is None or flaw.stop is None:
+            continue
+        relevant = flaw.channel is None or flaw.channel in channels
+        if relevant and flaw.start < mark.stop and flaw.stop > mark.start:
+            raise InputError(
+                f"{where} cannot be used: {flaw.message}; mark a section without it or record "
+                "again",
+                names=(mark.label,),
+            )
+    lost = (recording.gaps[:, 0] >= mark.start) & (recording.gaps[:, 1] < mark.stop)
+    if isinstance(step, Turn) and lost.any():
+        after = int(recording.gaps[np.argmax(lost), 0])
+        raise InputError(
+            f"{where} cannot be used: samples are lost after sample {after}, and with them part of "
+            "the turn's angle; record it again",
+            names=(mark.label,),
+        )
+
+
+def remove_temperature_trend(sections: Sections, temperature: Sequence[Array]) -> Sections:
+    """Return r sections without the effect of the temperature change within them.
+
+    Parameters
+    ----------
+    sections : Sections
+    temperature : sequence of r (..., n) array
+        Temperature of each sample, K.
+    """
+    away = [_temperature_departure(kelvin) for kelvin in temperature]
+    if not any(t.any() for t in away):
+        return sections
+    gram: Array = np.zeros((2, 2))
+    product: Array = np.zeros(2)
+    for y, t in zip(sections(), away, strict=True):
+        mean = y.mean(axis=-2)
+        by = np.stack([np.ones_like(mean), mean], axis=-1)  # (..., m, 2)
+        square = (t**2).sum(axis=-1)[..., None, None, None]
+        gram = gram + square * by[..., :, None] * by[..., None, :]
+        product = product + (t[..., None] * (y - mean[..., None, :])).sum(axis=-2)[..., None] * by
+    slopes = (np.linalg.pinv(gram) @ product[..., None])[..., 0]  # (..., m, 2)
+
+    def without() -> Iterable[Array]:
+        for y, t in zip(sections(), away, strict=True):
+            slope = slopes[..., 0] + slopes[..., 1] * y.mean(axis=-2)
+            yield y - t[..., None] * slope[..., None, :]
+
+    return without
+
+
+def _temperature_departure(kelvin: Array) -> Array:
+    """Return the departure from the mean, (..., n) K; zero for sections of constant temperature."""
+    away = kelvin - kelvin.mean(axis=-1, keepdims=True)
+    return np.where(np.ptp(kelvin, axis=-1, keepdims=True) > _CONSTANT, away, 0.0)

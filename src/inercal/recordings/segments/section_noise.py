@@ -1,0 +1,235 @@
+"""The noise of sections at rest: its correlation, its scatter, and changes within sections.
+
+The statistics are those of `inercal.estimation.section_statistics`, separately for accelerometers
+and gyros. For a sensor in a hand only the accelerometers along gravity are analysed: all else is
+motion of the hand, whose scatter the residuals show (`inercal.estimation.residual_scatter`).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.estimation import ModelTest
+from inercal.estimation.correlation import WHITE, Contrasts, NoiseCorrelation
+from inercal.estimation.section_statistics import (
+    SectionStatistics,
+    analyse_sections,
+    haar_contrasts,
+)
+from inercal.physics.sensors import G0, Noise, Sensor
+from inercal.recordings.segments.hand_motion_noise import readings_along_gravity
+
+_KINDS = {"f": "accelerometers", "w": "gyros"}
+_ALIKE = 3.0  # times in scatter: rests that differ by more are reported
+
+
+class SectionDrift(NamedTuple):
+    """A drift of m biases, quadratic in time, as the slopes within sections show it."""
+
+    rates: Array  # (2, m), per second and per second²
+    covariance: Array  # (m, 2, 2)
+
+    @classmethod
+    def zero(cls, m: int) -> "SectionDrift":
+        """Return no drift, known exactly."""
+        return cls(np.zeros((2, m)), np.zeros((m, 2, 2)))
+
+    def of_channels(self, chosen: Sequence[bool]) -> "SectionDrift":
+        """Return the drift of some channels; the others have none."""
+        keep = np.array(chosen)
+        return SectionDrift(self.rates * keep, self.covariance * keep[:, None, None])
+
+    def course(self, since: Array, length: float) -> tuple[Array, Array]:
+        """Return the drift at times, (s, m), and its covariance between them, (s, s, m).
+
+        Its mean over a run is zero.
+
+        Parameters
+        ----------
+        since : (s,) array
+            Since the middle of the run, s.
+        length : float
+            Of the run, s.
+        """
+        basis = np.stack([since, 0.5 * (since**2 - length**2 / 12)], axis=-1)
+        return basis @ self.rates, np.einsum("si,mij,tj->stm", basis, self.covariance, basis)
+
+
+class SectionNoise(NamedTuple):
+    """Noise of r sections of m channels."""
+
+    scale: Array  # (r, m), each section's variance over the mean of all
+    correlation: tuple[NoiseCorrelation, ...]  # of each channel
+    drift: SectionDrift
+    tests: tuple[ModelTest, ...]
+    notes: tuple[str, ...]
+    disturbance_variance: Array  # (r, m), variance of each mean by a change within its section
+
+    def factor(self, seconds: Array, lengths: Array, batches: int) -> Array:
+        """Return the variance of means over that from the pooled batch means, (s, m).
+
+        Parameters
+        ----------
+        seconds : (s,) array
+            Durations of the means.
+        lengths : (r,) array
+            Durations of the sections whose batch means were pooled.
+        batches : int
+            Number in each section.
+        """
+        parts = [
+            noise.mean_variance_ratio(seconds)
+            / float(np.mean(noise.batch_variance_ratio(lengths, batches)))
+            for noise in self.correlation
+        ]
+        return np.stack(parts, axis=-1)
+
+
+def section_noise_statistics(
+    sensor: Sensor,
+    sections: Callable[[], Iterable[Array]],
+    seconds: Array,
+    since: Array,
+    labels: Sequence[str],
+    rounding: Array,
+    *,
+    by_hand: bool,
+) -> SectionNoise:
+    """Return the noise of sections.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    sections : callable
+        Returns the sections, (n, m) each, SI.
+    seconds : (r,) array
+        Their durations.
+    since : (r,) array
+        Time of their middles since the middle of all, s.
+    labels : sequence of r str
+    rounding : (m,) array
+        Variance that coarse steps add to each mean.
+    by_hand : bool
+    """
+    r, m = len(labels), len(sensor.axes)
+    scale, disturbance_variance = np.ones((r, m)), np.zeros((r, m))
+    drift = SectionDrift.zero(m)
+    correlation = [WHITE] * m
+    tests: list[ModelTest] = []
+    notes: list[str] = []
+    if by_hand:
+        steps = np.array([rounding[[axis.measures == "f" for axis in sensor.axes]].max()])
+        series = readings_along_gravity(sensor, sections())
+        cut = [haar_contrasts(s[:, None], t) for s, t in zip(series, seconds.tolist(), strict=True)]
+        judged = analyse_sections(cut, labels, ["accelerometers along gravity"], steps)
+        # The effect of a drift changes its sign with the attitude: the norms of all rests show it.
+        within = (judged.within,) if judged.within and judged.shape == "change" else ()
+        return SectionNoise(scale, (WHITE,) * m, drift, within, (), disturbance_variance)
+    for kind, words in _KINDS.items():
+        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        if not own:
+            continue
+        cut = [
+            haar_contrasts(section[:, own], t)
+            for section, t in zip(sections(), seconds.tolist(), strict=True)
+        ]
+        names = [sensor.axes[k].name for k in own]
+        # Slow noise that the sensor's table states enters as stated.
+        stated = any(_has_slow_noise(sensor.axes[k].noise) for k in own)
+        judged = analyse_sections(cut, labels, names, rounding[own], coloured=stated)
+        scale[:, own] = judged.scale[:, None]
+        disturbance_variance[:, own] = judged.disturbance_variance
+        tests += judged.tests
+        if not stated:
+            if kind == "w":
+                # All sections measure the bias of a gyro, and their residuals show its drift.
+                drift.covariance[own, 0, 0] = judged.significant_trend_sd**2
+            elif np.isfinite(judged.slope_sd).all():
+                # Two of six measure that of an accelerometer: a drift below any test shifts it.
+                steady = np.flatnonzero(~judged.disturbance_variance.any(axis=1)).tolist()
+                drift.rates[:, own], drift.covariance[own] = drift_of_slopes(
+                    [cut[k] for k in steady], since[steady], judged.slope_sd, rounding[own]
+                )
+            for k in own:
+                correlation[k] = judged.correlation
+        notes += _notes(words, judged, seconds, labels, stated)
+    return SectionNoise(
+        scale,
+        tuple(correlation),
+        drift,
+        tuple(tests),
+        tuple(notes),
+        disturbance_variance,
+    )
+
+
+def drift_of_slopes(
+    sections: Sequence[Contrasts], since: Array, slope_sd: Array, rounding: Array
+) -> tuple[Array, Array]:
+    """Return rate and change of rate of a drift, (2, m), and their covariance, (m, 2, 2).
+
+    By least squares of the slopes of r sections, which have one deviation in units of their noise.
+
+    Parameters
+    ----------
+    sections : sequence of r Contrasts
+    since : (r,) array
+    slope_sd : (m,) array
+        Of `Contrasts.slope`.
+    rounding : (m,) array
+        Variance that coarse steps add to each half of a section.
+    """
+    reach = np.array([one.slope_per_trend for one in sections])
+    seconds = np.array([one.seconds for one in sections])
+    design = reach[:, None] * np.stack([np.ones(len(since)), since], axis=-1)
+    gram = np.linalg.pinv(design.T @ design)
+    rates = gram @ design.T @ np.stack([one.slope for one in sections])
+    # The means of halves of T seconds are T/2 apart, and both are rounded.
+    of_steps = 8 * rounding * float(np.mean((reach / seconds) ** 2))
+    return rates, (slope_sd**2 + of_steps)[:, None, None] * gram
+
+
+def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
+    """Return notes on the drift over the run that the uncertainty contains, (m,) SI."""
+    notes: list[str] = []
+    for kind, words in _KINDS.items():
+        own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        if own and (most := float(reach[own].max())) > 0:
+            text = f"{most / G0 * 1e3:.2g} mg" if kind == "f" else f"{np.degrees(most):.2g} °/s"
+            notes.append(
+                f"the slopes within the rests leave a drift of about {text} over the run open "
+                f"({words}, k = 1): it is in the uncertainty of the biases"
+            )
+    return notes
+
+
+def _has_slow_noise(noise: Noise) -> bool:
+    return bool(noise.bias_instability or noise.random_walk)
+
+
+def _notes(
+    words: str, judged: SectionStatistics, seconds: Array, labels: Sequence[str], stated: bool
+) -> list[str]:
+    notes = [
+        f"the readings change within {labels[k]}: the uncertainty of its mean includes the "
+        "effect; repeat the position"
+        for k in np.flatnonzero(judged.disturbance_variance.any(axis=1)).tolist()
+    ]
+    noise = judged.correlation
+    if noise is not WHITE and not stated:
+        times = float(np.sqrt(np.median(noise.mean_variance_ratio(seconds))))
+        notes.append(
+            f"the noise of the {words} within rests is correlated over about "
+            f"{noise.seconds:.1g} s: the uncertainty of a mean is {times:.2g} times that of its "
+            "uncorrelated part"
+        )
+    worst = int(np.argmax(judged.scale))
+    ratio = float(np.sqrt(judged.scale[worst] / np.median(judged.scale)))
+    if ratio > _ALIKE:
+        notes.append(
+            f"the {words} scatter {ratio:.2g} times as much in {labels[worst]} as in the median "
+            "rest: the uncertainty of its mean is larger accordingly"
+        )
+    return notes
