@@ -1,6 +1,6 @@
 """A value that is computed at its first use and then stored."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
@@ -27,3 +27,19 @@ class LazyValue(Generic[T]):
     def then(self, change: Callable[[T], S]) -> "LazyValue[S]":
         """Return what a function makes of the value, worked out when it is wanted."""
         return LazyValue(lambda: change(self()))
+
+
+class LazyMapping(Mapping[str, S]):
+    """A mapping that a function returns, worked out when it is first read."""
+
+    def __init__(self, work: Callable[[], Mapping[str, S]]) -> None:
+        self._content = LazyValue(work)
+
+    def __getitem__(self, name: str) -> S:
+        return self._content()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content())
+
+    def __len__(self) -> int:
+        return len(self._content())

@@ -191,18 +191,14 @@ def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Ar
     outer = exp_so3(mount)[..., None, :, :]
     whole = outer @ exp_so3(index)
     f = _rotate(whole, nominal)
-    df = {"g": _rotate(whole, root * up - tilt * out)}
-    df |= {
-        name: _rotate(whole, -slope[..., None] * out) for name, slope in arm.a_derivatives.items()
-    }
-    by_tilt = _rotate(whole, -pull * (out + tilt / root * up))
-    df |= {name: slope[..., None] * by_tilt for name, slope in arm.tilt_derivatives.items()}
-    mounted_by, indexed_by = left_jacobian(mount)[..., None, :, :], left_jacobian(index)
+    turns = bench.platform == "locked"
+    along = _rotate(whole, np.broadcast_to(up, f.shape)) if turns else np.zeros_like(f)
+    rate = arm.total_rate[..., None]
 
     def by_attitude(turned: Array, inner: Array) -> dict[str, Array]:
         """Return the derivatives of a vector by mounting and indexing."""
-        by_mount = -skew(turned) @ mounted_by
-        by_index = -outer @ skew(inner) @ indexed_by
+        by_mount = -skew(turned) @ left_jacobian(mount)[..., None, :, :]
+        by_index = -outer @ skew(inner) @ left_jacobian(index)
         found: dict[str, Array] = {}
         for k, a in enumerate("xyz"):
             found[f"mount_{a}"] = by_mount[..., k]
@@ -211,15 +207,23 @@ def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Ar
                 found[f"index_{a}[{name}]"] = np.where(own[:, None], by_index[..., k], 0.0)
         return found
 
-    inner = exp_so3(index)
-    df |= by_attitude(f, _rotate(inner, nominal))
-    if bench.platform != "locked":
-        return MeanMotion(Motion(f, np.zeros_like(f)), df)
-    along = _rotate(whole, np.broadcast_to(up, f.shape))
-    rate = arm.total_rate[..., None]
-    dw = {name: slope[..., None] * along for name, slope in arm.total_rate_derivatives.items()}
-    dw |= by_attitude(rate * along, rate * _rotate(inner, np.broadcast_to(up, f.shape)))
-    return MeanMotion(Motion(f, rate * along), df, dw)
+    def derivatives() -> tuple[dict[str, Array], dict[str, Array]]:
+        inner = exp_so3(index)
+        df = {"g": _rotate(whole, root * up - tilt * out)}
+        df |= {
+            name: _rotate(whole, -slope[..., None] * out)
+            for name, slope in arm.a_derivatives.items()
+        }
+        by_tilt = _rotate(whole, -pull * (out + tilt / root * up))
+        df |= {name: slope[..., None] * by_tilt for name, slope in arm.tilt_derivatives.items()}
+        df |= by_attitude(f, _rotate(inner, nominal))
+        if not turns:
+            return df, {}
+        dw = {name: slope[..., None] * along for name, slope in arm.total_rate_derivatives.items()}
+        dw |= by_attitude(rate * along, rate * _rotate(inner, np.broadcast_to(up, f.shape)))
+        return df, dw
+
+    return MeanMotion.with_lazy_derivatives(Motion(f, rate * along), derivatives)
 
 
 def attitude_names(steps: Sequence[Spin]) -> dict[Attitude | None, str]:

@@ -156,8 +156,10 @@ class Centrifuge:
         stated = {name: np.array(p.value) for name, p in self.acting_parameters(steps).items()}
         result = sensed_motion(self, steps, stated | dict(q))
         labels = [step.label for step in steps]
-        df, dw = (_split_by_dwell(by, labels) for by in (result.df, result.dw))
-        return MeanMotion(result.motion, df, dw)
+        return MeanMotion.with_lazy_derivatives(
+            result.motion,
+            lambda: (_split_by_dwell(result.df, labels), _split_by_dwell(result.dw, labels)),
+        )
 
     def reading_offsets(
         self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
