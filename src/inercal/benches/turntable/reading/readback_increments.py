@@ -4,7 +4,7 @@
 """
 
 from dataclasses import dataclass
-from math import inf, radians
+from math import hypot, inf, radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ _HALF = 0.02  # s, half of the span of a rate
 _NEAR = 3  # knots beside an acceleration that belong to it
 _LONG = 10  # knots before and after, over which a slow change of the rate shows
 _NOISY = 12.0  # times the noise of a reading over the span: six standard deviations of a change
+_CLEAR = 50.0  # times the noise of a reading from knot to knot: a turn that its noise leaves clear
 _SLOW = radians(0.5)  # rad/s: an interpolated angle that nearly stands
 _DUST = 1e-9  # rad, of steps that are rounding
 _COARSEST = radians(0.2)  # rad, of a readback's resolution
@@ -150,13 +151,23 @@ def find_increments(
         slow = np.linalg.norm(rate, axis=-1) < _SLOW
     sizes = np.abs(turned)
     resolution = float(sizes[sizes > _DUST].min(initial=inf))
+    resolution = resolution if resolution < _COARSEST else 0.0
+    increments = np.diff(v[at], axis=0)
+    noise = hypot(bench.white, resolution / sqrt(12))
     to_gyros = inputs.T
     return Increments(
         time[at],
         np.diff(g[at], axis=0),
-        np.diff(v[at], axis=0) @ to_gyros,
+        increments @ to_gyros,
         _parameter_columns(
-            np.diff(time[at]), np.diff(v[at], axis=0), up, harmonics, there, faster, jerk, inputs
+            np.diff(time[at]),
+            _without_noise(increments, rate, _CLEAR * noise / KNOT),
+            up,
+            harmonics,
+            there,
+            faster,
+            jerk,
+            inputs,
         ),
         faster @ to_gyros,
         jerk @ to_gyros,
@@ -164,8 +175,33 @@ def find_increments(
         slow[1:] | slow[:-1],
         (axes[1:] + axes[:-1]) / 2 @ to_gyros,
         usable,
-        resolution if resolution < _COARSEST else 0.0,
+        resolution,
         step,
+    )
+
+
+def _without_noise(increments: Array, rate: Array, clear: float) -> Array:
+    """Return the body's increments, (n, 3), averaged where the table turns too slowly.
+
+    Readings of a table that stands are noise. A scale factor that is fitted to them tends to −1,
+    since the same noise, reversed, is in what the gyros differ by.
+
+    Parameters
+    ----------
+    increments : (n, 3) array
+        rad.
+    rate : (n + 1, 3) array
+        At the knots, rad/s.
+    clear : float
+        rad/s, above which noise makes no difference.
+    """
+    size = np.linalg.norm(rate, axis=-1)
+    slow = np.maximum(size[1:], size[:-1]) < clear
+    box = np.ones(2 * _LONG + 1)
+    count = np.convolve(slow, box, "full")[_LONG : -_LONG or None]
+    total = [np.convolve(one * slow, box, "full")[_LONG : -_LONG or None] for one in increments.T]
+    return np.where(
+        slow[:, None], np.stack(total, axis=-1) / np.maximum(count, 1)[:, None], increments
     )
 
 
