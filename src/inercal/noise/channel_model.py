@@ -142,7 +142,10 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     band = band_below(fine, BEFORE_FILTER)
     if band is not None and _describes(one, found := _solve(one, band, candidates)):
         white = found.selection.fit.variance("N")
-        return found if _white(fine, _UPPER) < _FALLEN * white else plain
+        if _white(fine, _UPPER) < _FALLEN * white:
+            return found
+        if not contradictory:
+            return plain
     return _refused(
         plain,
         "no low-pass filter that is known describes the spectrum, and no band below it gives N",
@@ -242,7 +245,10 @@ def _same_spectrum(time: float) -> str:
 
 
 def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
-    """Return a model, or its refusal where beside a short Gauss–Markov process N is not seen.
+    """Return a model, or its refusal where N is not seen beside what a filter may have left.
+
+    That is a short Gauss–Markov process, or a random walk: above the cut-off, white noise behind
+    one pole falls as a random walk does.
 
     Parameters
     ----------
@@ -252,22 +258,24 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
         White noise of the rounding of the readings, N² in SI.
     """
     fit = model.selection.fit
-    time = fit.markov_time
-    if "G" not in fit.symbols or time > _LONGEST:
-        return model
     white = max(fit.variance("N") - _ROUNDING * rounding, 0.0)
-    if white > _LEAST_FLOOR * 2 * fit.variance("G") * time:
-        return model
-    return _refused(model, _same_spectrum(time))
+    if "G" in fit.symbols and fit.markov_time <= _LONGEST:
+        if white <= _LEAST_FLOOR * 2 * fit.variance("G") * fit.markov_time:
+            return _refused(model, _same_spectrum(fit.markov_time))
+    elif white <= _LEAST_FLOOR * fit.variance("K") * _LONGEST**2 > 0:
+        return _refused(
+            model,
+            "white noise behind a low-pass filter with a low cut-off and a random walk have the "
+            "same spectrum, and no other white noise is seen",
+        )
+    return model
 
 
 def _is_contradictory(model: NoiseModel) -> bool:
-    """Return whether N is far below the density of all samples, beside a significant B or K."""
+    """Return whether N is far below the density of all samples, beside B, K or G."""
     bins, found = model.bins, model.selection
     density = float(bins.weight @ bins.power / bins.weight.sum()) * bins.dt
-    sure = any(
-        one in found.significance and found.significance[one].is_significant for one in "BKG"
-    )
+    sure = any(one in found.significance and found.significance[one].is_present for one in "BKG")
     return sure and found.fit.variance("N") < _LEAST_WHITE**2 * density
 
 
