@@ -1,10 +1,10 @@
 """Write the software bill of materials: ``python -m tools.bill_of_materials``.
 
-The file is CycloneDX 1.6 in JSON (ECMA-424). Its components are the packages of `requirements.lock`
-with their hashes. Licences are those that installed packages declare: a version that the lock holds
-for another system or another Python has none. The scope is "required" for packages of the core,
-"optional" for those of extras, "excluded" for those that only development needs. A package that is
-not installed has no scope, which readers take as required.
+The file is CycloneDX 1.6 in JSON (ECMA-424). Its components are the packages that inercal and its
+extras install, as `requirements.lock` pins them with their hashes; what only development needs is
+left out. Licences are those that installed packages declare: a version that the lock holds for
+another system or another Python has none. The scope is "required" for packages of the core and
+"optional" for those of extras.
 
 There is no time and no serial number: equal locks give equal files.
 """
@@ -13,7 +13,6 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError
 from typing import Any, NamedTuple
 
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
@@ -50,7 +49,7 @@ def locked_packages(lock: str) -> list[LockedPackage]:
 
 
 def bill_of_materials() -> dict[str, Any]:
-    """Return the document: inercal and its locked packages."""
+    """Return the document: inercal and the packages that it needs at run time."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     core = core_packages()
     used: dict[str, list[str]] = {}
@@ -70,7 +69,9 @@ def bill_of_materials() -> dict[str, Any]:
                 "licenses": _licences(project["license"]),
             }
         },
-        "components": [_component(one, core, used) for one in locked],
+        "components": [
+            _component(one, core, used) for one in locked if one.name in core or one.name in used
+        ],
     }
 
 
@@ -84,15 +85,10 @@ def _component(
 ) -> dict[str, Any]:
     """Return a component; `used` has the extras that add each package."""
     made: dict[str, Any] = {"type": "library", **_identity(one.name, one.version)}
-    try:
-        installed = package(one.name)
-    except PackageNotFoundError:
-        installed = None
-    if installed is not None:
-        optional = "optional" if one.name in used else "excluded"
-        made["scope"] = "required" if one.name in core else optional
+    made["scope"] = "required" if one.name in core else "optional"
     made["hashes"] = [{"alg": "SHA-256", "content": text} for text in one.hashes]
-    if installed is not None and installed.version == one.version:
+    installed = package(one.name)
+    if installed.version == one.version:
         made["licenses"] = _licences(installed.licence)
     properties = [("inercal:extra", key) for key in used.get(one.name, ())]
     properties += [("inercal:marker", one.marker)] * bool(one.marker)

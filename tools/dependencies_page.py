@@ -34,8 +34,8 @@ What `pip install inercal` brings, what each extra adds, and the licences: writt
 {system}, without compiled bytecode. They are added up for each extra
 alone; extras that are installed together share packages.
 
-The [software bill of materials](dependencies.cdx.json) (CycloneDX 1.6) lists every package of
-`requirements.lock`, those of development too, with version, package URL, licence and hashes.
+The [software bill of materials](dependencies.cdx.json) (CycloneDX 1.6) lists these packages with
+version, package URL, licence and the hashes of `requirements.lock`.
 """
 
 
