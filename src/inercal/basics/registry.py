@@ -1,6 +1,6 @@
 """Registries: objects by name, of this package and of other packages by entry points.
 
-A package registers an object by an entry point of the group, in its `pyproject.toml`::
+A package registers an object by an entry point of the group, in its pyproject.toml::
 
     [project.entry-points."inercal.methods"]
     tilt_means = "their_package.tilt:METHOD"

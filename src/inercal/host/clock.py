@@ -11,9 +11,9 @@ A simulated bench states how many bytes its IMU has sent by which time, and the 
 these; a real bench cannot state this.
 
 **Protocol** of a simulated bench's clock, lines over TCP: the bench answers `until 12.5`, `now` and
-`mounted NAME`, which states how an operator has mounted the sensor, by `TIME SENT SENT_BY`, s,
+`mounted NAME`, which states how an operator has mounted the sensor, by "TIME SENT SENT_BY", s,
 bytes, s. The IMU makes the readings of the last interval while the host
-polls the table: `SENT` counts up to the interval before, or up to the last one where the requested
+polls the table: SENT counts up to the interval before, or up to the last one where the requested
 time has passed already. Before the first `until` the clock rests at 0. Without an `until` for 5 s,
 or without a connection, it follows the wall clock until the next `until`.
 """

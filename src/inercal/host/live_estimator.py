@@ -26,7 +26,7 @@ class LiveEstimator:
         The coefficients, in the sensor's order.
     time : float
         s of the recording, of the last sample; NaN before the first.
-    found : mapping of str to PartialEstimate
+    partial_estimates : mapping of str to PartialEstimate
         By part of the sensor, "f" and "w" or "all"; empty before the estimator begins.
     values, std : (p,) arrays
         The coefficients and their standard deviations, SI; NaN where nothing is estimated yet.

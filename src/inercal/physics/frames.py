@@ -1,6 +1,6 @@
 """Rotations between frames, and two decompositions of a triad's matrix into shape and attitude.
 
-`vec_a` is a vector's components in frame a; `mat_ab` takes them from b to a: vec_a = mat_ab vec_b.
+vec_a is a vector's components in frame a; mat_ab takes them from b to a: vec_a = mat_ab vec_b.
 Every function is batched over leading axes: it takes `(..., 3)` or `(..., 3, 3)`.
 
 A rotation vector ρ rotates by the angle θ = |ρ| about ρ/θ, right-handed (Rodrigues)::
@@ -146,7 +146,7 @@ def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     Returns
     -------
     (..., 3, 3) array
-        `mat_bn`: its last column is the unit vector along `up`.
+        mat_bn: its last column is the unit vector along `up`.
 
     Raises
     ------

@@ -195,7 +195,7 @@ class Hand:
     def mean_motion(self, steps: Sequence[HandStep], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion of each step; see `inercal.benches.contract.MeanBench`.
 
-        The mean specific force of a turn is `force_x[label]` … in q; where it is missing it is
+        The mean specific force of a turn is "force_x[LABEL]" … in q; where it is missing it is
         gravity along the axis, which points up.
         """
         stated = {
@@ -259,7 +259,7 @@ def sensed_motion(step: HandStep, duration: float, q: Mapping[str, Array]) -> Me
         Of the section, s, by the recording's clock.
     q : mapping of str to (...) array
         Nuisances by full name, SI; those missing are zero. A turn's mean specific force is
-        `force_x[label]`, `force_y[label]`, `force_z[label]`.
+        "force_x[LABEL]", "force_y[LABEL]", "force_z[LABEL]".
     """
     return _hold_motion(step, q) if isinstance(step, Hold) else _turn_motion(step, duration, q)
 

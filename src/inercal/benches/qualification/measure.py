@@ -70,7 +70,7 @@ class MeasurementInput:
             raise error.located(key, key=key) from None
 
     def column(self, key: str, like: str = "") -> Array:
-        """Return a column by its key, SI where it has a unit, with `KEY_unit` of that dimension."""
+        """Return a column by its key, SI where it has a unit, with KEY_unit of that dimension."""
         name = getattr(self.section, key)
         if name not in self.table.columns:
             raise key_error(

@@ -64,7 +64,7 @@ def reference_attitude(bench: Turntable, angles: Array) -> Array:
     Returns
     -------
     (..., n, 3, 3) array
-        `mat_nb`, n the level frame.
+        mat_nb, n the level frame.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def _without_known_harmonics(bench: Turntable, angles: Array) -> Array:
 
 
 def true_attitude(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
-    """Return the true attitude, body to level, `mat_nb`, (..., n, 3, 3).
+    """Return the true attitude, body to level, mat_nb, (..., n, 3, 3).
 
     Parameters
     ----------

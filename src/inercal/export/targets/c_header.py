@@ -1,6 +1,6 @@
 """C99 header with an inline correction in single precision: no allocation, no library.
 
-`NAME_self_test` corrects a reading whose result is known.
+NAME_self_test corrects a reading whose result is known.
 """
 
 from collections.abc import Sequence

@@ -47,7 +47,7 @@ class SectionSpan:
 
 
 class SectionTimeline:
-    """The sections that events tell of.
+    """The sections that the events of a log describe.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class SectionTimeline:
 
     Attributes
     ----------
-    all : list of SectionSpan
+    spans : list of SectionSpan
         In the order of time.
     attempt : int
         How often the recording has begun anew.

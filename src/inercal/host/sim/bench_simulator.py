@@ -285,7 +285,7 @@ class ClockServer:
 
 
 def main() -> None:
-    """Serve until standard input ends, which tells faults; see `process.obey`."""
+    """Serve until standard input ends; its lines are faults to be simulated."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.bench_simulator", description=__doc__)
     parser.add_argument("run", metavar="RUNFILE")
     parser.add_argument("--seed", type=int, default=0)

@@ -3,7 +3,7 @@
 Written from the manual, apart from the driver: what the two have in common is the protocol. The
 codec is `_Session`, the command line `pmac_commands`, the table `dynamics.Table`.
 
-Not simulated: programs (`BnR` finds none: ERR015), coordinate systems, MACRO, data gathering. A
+Not simulated: programs (BnR finds none: ERR015), coordinate systems, MACRO, data gathering. A
 whole line is carried out within one servo cycle.
 
 Run as `python -m inercal.host.sim.pmac --port 1025`.

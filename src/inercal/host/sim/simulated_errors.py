@@ -1,9 +1,8 @@
-"""What is imperfect of a simulated bench, drawn once: alike in the processes of table and IMU.
+"""The imperfections of a simulated bench, drawn once: the same in the processes of table and IMU.
 
-A host ties the clocks of table and IMU by when readings arrive, so a latency τ of the readback is
-that it comes τ later than the IMU's readings do. Both are late: the readings by `late_imu`, within
-which the table's next servo cycles are known that they are made of, the readback by `late_table`,
-the difference being τ.
+A host ties the clocks of table and IMU by when readings arrive, so a latency τ of the readback
+means that it comes τ later than the IMU's readings do. Both are late: the IMU's readings, because
+the servo cycles of the table that they are made of must be known first, and the readback by τ more.
 
 The IMU's clock is slower than the table's by χ: (1 − χ) s pass on it in 1 s of the table's, which
 is the bench's time (see `inercal.benches.turntable.bench`).

@@ -3,7 +3,7 @@
 Each message begins with the bytes A3 95 and a number of its type. Messages of type 128 (FMT) say of
 each type: its number, its length, its name, a letter for each field, and the fields' names.
 
-Source: ArduPilot, libraries/AP_Logger/LogStructure.h (`log_Format` and the table of letters).
+Source: ArduPilot, libraries/AP_Logger/LogStructure.h (log_Format and the table of letters).
 """
 
 import struct

@@ -2,7 +2,7 @@
 
 Each row is a position or turn: its label, the mean reading of each axis in output units and, for
 turns, the duration of the section. A table does not show the standard deviation of its means: the
-user states a value for all rows, or columns hold that of each row, `ax_sd` for `ax`.
+user states a value for all rows, or columns hold that of each row, "ax_sd" for "ax".
 """
 
 import csv
