@@ -2,8 +2,8 @@
 
 A CRC is given by the parameters of R. N. Williams, "A painless guide to CRC error detection
 algorithms" (1993), and named as in the catalogue of G. Cook, reveng.sourceforge.io/crc-catalogue;
-its check value is what it makes of the nine characters "123456789". NovAtel's CRC-32 (OEM7 Commands and
-Logs, "32-bit CRC") starts from zero and ends without inversion, unlike that of Ethernet.
+its check value is what it makes of the nine characters "123456789". NovAtel's CRC-32 (OEM7 Commands
+and Logs, "32-bit CRC") starts from zero and ends without inversion, unlike that of Ethernet.
 
 A random packet passes a check of b bits with probability 2^-b.
 """
