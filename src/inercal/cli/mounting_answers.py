@@ -9,11 +9,12 @@ import os
 import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
-from getpass import getuser
 from pathlib import Path
 from select import select
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, NamedTuple
+
+from inercal.basics.system_user import user_name
 
 if TYPE_CHECKING:
     from inercal.host.bench_run import BenchRun
@@ -33,10 +34,7 @@ class Answer(NamedTuple):
 
 def operator_name(given: str) -> str:
     """Return the name of who operates: as given, else that of the system's user."""
-    try:
-        return given or getuser()
-    except (KeyError, OSError):  # a user without a name
-        return f"user {os.getuid()}"
+    return given or user_name()
 
 
 def read_answers(path: Path) -> list[Answer]:

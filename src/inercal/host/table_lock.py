@@ -14,13 +14,13 @@ import os
 import socket
 import sys
 from contextlib import ExitStack, suppress
-from getpass import getuser
 from hashlib import sha256
 from pathlib import Path
 from stat import S_IWOTH
 from tempfile import gettempdir
 
 from inercal.basics.errors import InputError
+from inercal.basics.system_user import user_name
 from inercal.host.addresses import table_places
 from inercal.host.closeable import Closeable
 from inercal.host.run_log import lock_file, os_errors_as_input_errors
@@ -83,7 +83,7 @@ class _LockFile(Closeable):
             os.close(self._file)  # who had the lock before has removed the file
         with suppress(OSError):  # a full disk: the note is for the message to others only
             os.ftruncate(self._file, 0)
-            note = [purpose, _user(), os.getpid(), socket.gethostname()]
+            note = [purpose, user_name(), os.getpid(), socket.gethostname()]
             os.pwrite(self._file, json.dumps(note).encode(), 0)
 
     def close(self) -> None:
@@ -131,13 +131,6 @@ def _read_note(file: int) -> str:
         return "a process that has not said what it does"
     where = "" if machine == socket.gethostname() else f" on {machine}"
     return f"{purpose}, by {user} (process {number}{where})"
-
-
-def _user() -> str:
-    try:
-        return getuser()
-    except (OSError, KeyError):  # a user without a name, as in containers
-        return str(os.getuid())
 
 
 def _shared_folder() -> Path:

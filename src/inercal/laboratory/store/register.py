@@ -3,13 +3,13 @@
 import os
 from collections.abc import Callable, Collection, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from getpass import getuser
 from pathlib import Path
 from typing import Self
 
 from sqlalchemy import Connection, Engine, select
 
 from inercal.basics.errors import InputError
+from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
 from inercal.laboratory.store import certificates, insertions, queries
 from inercal.laboratory.store.address import (
@@ -69,7 +69,7 @@ class Register:
     def __init__(self, address: str | None = None, by: str | None = None, *, create: bool = True):
         self._address = resolve_address(address)
         self.address = self._address.display_url
-        self._by = by or _user_name()
+        self._by = by or user_name()
         self.files = () if self._address.file is None else (self._address.file,)
         self._engine = make_engine(self._address)
         file = self._address.file
@@ -342,10 +342,3 @@ def _bench_kind(calibration: Calibration) -> str:
 
     method = METHODS.get(calibration.method)
     return "" if method is None else kind_name_for_class(method.bench)
-
-
-def _user_name() -> str:
-    try:
-        return getuser()
-    except (OSError, KeyError):  # a user id without a name, as in a container
-        return "unknown"

@@ -1,0 +1,12 @@
+"""The name of the user who runs the program."""
+
+import os
+from getpass import getuser
+
+
+def user_name() -> str:
+    """Return the name of the system's user, or the number of one without a name."""
+    try:
+        return getuser()
+    except (OSError, KeyError):  # as in containers
+        return f"user {os.getuid()}"
