@@ -19,7 +19,7 @@ from inercal.benches import Hand
 from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.methods import curvature, hand_likelihood, method, rates_and_poses, tumble
 from inercal.methods.dividing_head_problem import problem as head_problem
-from inercal.methods.trial_blocks import solve
+from inercal.methods.solving import solve
 from inercal.physics.sensors import G0, imu, triad
 from inercal.recordings import Observations
 

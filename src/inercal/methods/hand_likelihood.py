@@ -17,7 +17,7 @@ from inercal.basics.errors import NotObserved
 from inercal.basics.parameters import Parameter
 from inercal.benches import Hand
 from inercal.estimation import Estimate, Gaussian, Problem
-from inercal.methods import mean_problem, trial_blocks
+from inercal.methods import mean_problem, solving
 from inercal.methods.curvature import Curvature, tilt_curvature
 from inercal.methods.observability import (
     not_observed_error,
@@ -77,7 +77,7 @@ def ml(
         return curvature and problem(some, sensor, bench, done, own, curvature)
 
     try:
-        estimate = trial_blocks.solve(observations, priors, first, with_curvature)
+        estimate = solving.solve(observations, priors, first, with_curvature)
     except NotObserved as error:
         raise not_observed_error(sensor, error.directions, missing) from None
     require_observed(estimate, sensor, missing)

@@ -16,7 +16,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanBench, MeanMotion
 from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem
-from inercal.methods import candidates, temperature, trial_blocks
+from inercal.methods import candidates, solving, temperature
 from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.residuals import vector_residuals
 from inercal.methods.residuals.vector_equations import StatedMotion, VectorEquations
@@ -105,7 +105,7 @@ def joint(
         name: bench.reading_offsets(done, sensor, {name: np.array(1.0)}) for name in declared
     }
     columns = {name: one.ravel() for name, one in offsets.items() if one.ndim and one.any()}
-    estimate = trial_blocks.solve(
+    estimate = solving.solve(
         observations,
         priors,
         lambda some, own: problem(

@@ -56,7 +56,7 @@ from inercal.benches.dividing_head.covariance import bench_covariance, reading_s
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
 from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.uncertainty.propagation import value_and_jacobian
-from inercal.methods import dividing_head_problem, estimator_inputs, trial_blocks
+from inercal.methods import dividing_head_problem, estimator_inputs, solving
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import coefficient_sums
@@ -107,7 +107,7 @@ def least_squares(
     """
     angle = _checked_angles(observations, sensor, steps)
     try:
-        estimate = trial_blocks.solve(
+        estimate = solving.solve(
             observations,
             priors,
             lambda some, own: dividing_head_problem.problem(some, sensor, bench, steps, own),

@@ -7,9 +7,9 @@ import numpy as np
 
 from inercal.basics.units import Measured
 from inercal.benches.centrifuge.arm_motion import sensed_motion
-from inercal.benches.centrifuge.arm_sheet import sheet
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
+from inercal.benches.centrifuge.sheet import sheet
 from inercal.benches.centrifuge.simulation import arm_plan_duration, simulate_arm_motion
 from inercal.benches.kind_definition import (
     Effect,

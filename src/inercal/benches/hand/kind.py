@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from inercal.benches.hand.bench import Hand
-from inercal.benches.hand.hand_sheet import sheet
+from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import (

@@ -8,10 +8,10 @@ from inercal.benches.kind_definition import (
     three_axis_sensor,
 )
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.platform_sheet import sheet
 from inercal.benches.rate_platform.report import directions, plots
 from inercal.benches.rate_platform.sections import Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData, RatePlatformSection, build
+from inercal.benches.rate_platform.sheet import sheet
 from inercal.benches.rate_platform.simulation import simulate_sections
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor, triad

@@ -31,7 +31,7 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
 from inercal.estimation import Estimate, Gaussian, least_squares
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import estimator_inputs, trial_blocks
+from inercal.methods import estimator_inputs, solving
 from inercal.methods._base import Fit, Method, Remarks
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.arm_plans import plan
@@ -81,7 +81,7 @@ def ml(
     NotObserved
         Coefficients that these dwells do not determine.
     """
-    estimate = trial_blocks.solve(
+    estimate = solving.solve(
         observations, priors, lambda some, own: problem(some, sensor, bench, steps, own)
     )
     require_observed(estimate, sensor, missing=())

@@ -25,7 +25,7 @@ from inercal.basics.parameters import Parameter
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.estimation import Estimate, Gaussian, Problem
-from inercal.methods import mean_problem, trial_blocks
+from inercal.methods import mean_problem, solving
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.likelihood_tests import with_problem_tests
@@ -90,7 +90,7 @@ def ml(
         )
         return mean_problem.row_subset(without_signs(whole, sensor, unsigned), used)
 
-    estimate = trial_blocks.solve(observations, priors, problem)
+    estimate = solving.solve(observations, priors, problem)
     require_observed(estimate, sensor, missing=())
     return replace(estimate, tests=observations.tests)
 

@@ -24,7 +24,7 @@ from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, mounting_names
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
 from inercal.estimation import Estimate, Gaussian
-from inercal.methods import prediction_error, trial_blocks
+from inercal.methods import prediction_error, solving
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.observability import require_observed
@@ -87,7 +87,7 @@ def joint(
     """
     require_matching_rows(observations, sensor, steps)
     try:
-        estimate = trial_blocks.solve(
+        estimate = solving.solve(
             observations,
             priors,
             lambda some, own: joint_problem(some, sensor, bench, steps, own),
