@@ -1,12 +1,14 @@
-"""The type of the arrays, 64-bit floats, and ranges of samples."""
+"""Types of arrays, and ranges of samples."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
-def true_ranges(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+def true_ranges(mask: Bools) -> Indices:
     """Return the half-open ranges along which a mask, (n,), is true, (k, 2).
 
     >>> true_ranges(np.array([True, False, True, True])).tolist()

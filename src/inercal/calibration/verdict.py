@@ -32,6 +32,7 @@ from inercal.calibration.suspect_text import (
 from inercal.estimation import Estimate
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, merge_messages
 
@@ -40,7 +41,6 @@ UNDETECTED_END = "): "
 """Around the sizes' explanation in the line on causes that the data cannot show."""
 
 _DRIFT_PREFIX = "drift of "  # and the axis
-_BIAS = {"f": "k0", "w": "bias"}
 _MIN_PULL = 2.0  # standard deviations; smaller residuals are not reported
 _UNIT_RATIO_TOLERANCE = 0.1  # relative distance within which a scale factor is a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
@@ -272,7 +272,7 @@ def _undetected_size_text(sensor: Sensor, one: UndetectableCause) -> str:
         # "drift of ax", or "change of ax within r10".
         axis = one.component.removeprefix(CHANGE_PREFIX).removeprefix(_DRIFT_PREFIX)
         axis = axis.removeprefix("of ").partition(" ")[0]
-        line = coefficient_definition(sensor, f"{axis}.{_BIAS[_measures(sensor, axis)]}")
+        line = coefficient_definition(sensor, f"{axis}.{QUANTITIES[_measures(sensor, axis)].bias}")
     else:
         line = coefficient_definition(sensor, one.component)
     return f"{format_value_and_uncertainty(0.0, one.size / line.si)[1]} {line.unit}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from inercal.cli.console import print_json
+from inercal.physics.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from inercal.export import Export
@@ -185,18 +186,16 @@ def costs_object(made: "Export") -> dict[str, Any]:
 
 def cost_lines(made: "Export") -> list[str]:
     """Return what an export loses, in lines."""
-    from inercal.export.model import UNITS
-
-    words = {"f": "specific force", "w": "angular rate"}
     lines = [
-        f"not held by {made.target.name}: {one.word} ({words[one.measures]}), {one.effect_text}"
+        f"not held by {made.target.name}: {one.word} ({QUANTITIES[one.measures].name}), "
+        f"{one.effect_text}"
         for one in made.losses
     ]
     for one in made.costs:
         against = f", U there {one.expanded:.2g}" if one.expanded else ""
         lines.append(
-            f"error in {words[one.measures]} over the range: at most {one.largest:.2g} "
-            f"{UNITS[one.measures]}, rms {one.rms:.2g}{against}"
+            f"error in {QUANTITIES[one.measures].name} over the range: at most {one.largest:.2g} "
+            f"{QUANTITIES[one.measures].ascii_unit}, rms {one.rms:.2g}{against}"
             + (" (exceeds U)" if one.exceeds else "")
         )
     return lines

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
+from inercal.physics.quantities import QUANTITIES
+
 if TYPE_CHECKING:
     from inercal.host.guided.measurement_table import MeasurementTable
     from inercal.runfile import Run
@@ -127,7 +129,7 @@ def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tupl
             run.path,
         )
     for axis in run.sensor.axes:
-        section = {"f": "accelerometer", "w": "gyro"}[axis.measures]
+        section = QUANTITIES[axis.measures].sensor
         if section not in run.data.sd:
             raise key_error(
                 f"[data.sd] {section}",

@@ -10,6 +10,7 @@ from inercal.cli.console import (
     print_written_files,
     progress_status,
 )
+from inercal.physics.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -111,7 +112,7 @@ def _next_step(run: "Run", sheet: Path) -> str:
             return f"{fill}, by hand or by {command}; next: inercal calibrate {run.path}"
         fill += f", by hand or by inercal measure {sheet} --run {run.path}"
     kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
-    stated = " and ".join({"f": "accelerometer", "w": "gyro"}[kind] for kind in kinds)
+    stated = " and ".join(QUANTITIES[kind].sensor for kind in kinds)
     return (
         f'{fill}; then calibrate it with [data] file = "{sheet.name}", kind = "means" and '
         f"[data.sd] {stated}, the standard deviation of a mean"

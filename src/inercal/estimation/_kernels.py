@@ -11,11 +11,8 @@ instead of vectorising them.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
-
-Bools = NDArray[np.bool_]
+from inercal.basics.arrays import Array, Bools
 
 # Enough to fill the vector units; a block of 25 × 25 matrices still fits the second cache.
 LANES = 32

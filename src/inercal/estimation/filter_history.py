@@ -2,13 +2,8 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.lazy_value import LazyValue
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 
-Bools = NDArray[np.bool_]
 Places = slice | NDArray[np.intp]
 
 # Below this many trials the compiled kernel is not worth loading.

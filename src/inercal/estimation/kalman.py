@@ -28,12 +28,9 @@ interval smoothing with discrete measurements, International Journal of Control 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step
-
-Indices = NDArray[np.int64]
 
 
 class FilterSteps(NamedTuple):

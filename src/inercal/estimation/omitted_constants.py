@@ -23,13 +23,10 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import FilterSteps
 from inercal.estimation.kernel_options import kernel
-
-Indices = NDArray[np.int64]
 
 _ROWS = 512  # whitened rows that are multiplied at once
 

@@ -22,10 +22,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.estimation.problem import Problem
-
-Bools = NDArray[np.bool_]
 
 # λ after the first rejected step, the least nonzero λ, and λ at which a search ends.
 _FIRST, _LEAST, _MOST = 1e-2, 1e-12, 1e14

@@ -17,10 +17,11 @@ from inercal.basics.registry import Registry
 from inercal.calibration import Calibration
 from inercal.export.cost import Cost, Loss, costs, losses, possible_samples, sample
 from inercal.export.header import header_lines
-from inercal.export.model import UNITS, export_model
+from inercal.export.model import export_model
 from inercal.export.options import resolve_options
 from inercal.export.ranges import Range, calibrated_ranges
 from inercal.export.target_definition import Request, Target
+from inercal.physics.quantities import QUANTITIES
 
 TARGETS: Registry[Target] = Registry(
     "inercal.exports",
@@ -173,7 +174,7 @@ def identifier(text: str) -> str:
 
 def _refusal(target: Target, cost: tuple[Cost, ...], lost: tuple[Loss, ...]) -> str:
     worst = "; ".join(
-        f"{one.largest:.3g} {UNITS[one.measures]} where U is {one.expanded:.3g}"
+        f"{one.largest:.3g} {QUANTITIES[one.measures].ascii_unit} where U is {one.expanded:.3g}"
         for one in cost
         if one.exceeds
     )

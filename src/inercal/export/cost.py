@@ -18,11 +18,12 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotInvertible
 from inercal.calibration import Calibration
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.export.model import UNITS, ExportModel
+from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges, sample_motions
 from inercal.export.target_definition import Rendering, Target
 from inercal.export.term_kinds import DERIVATIVES, WORDS, kinds_of
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import Basis
 
@@ -80,7 +81,7 @@ class Loss:
         """The effect in words."""
         if self.unknown:
             return f"effect unknown: {self.unknown}"
-        return f"up to {self.effect:.3g} {UNITS[self.measures]} over the range"
+        return f"up to {self.effect:.3g} {QUANTITIES[self.measures].ascii_unit} over the range"
 
 
 @dataclass(frozen=True, eq=False)

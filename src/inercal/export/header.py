@@ -12,12 +12,12 @@ from inercal.basics.visible_text import visible_text
 from inercal.calibration.files import as_object
 from inercal.calibration.outdated import OUTDATED
 from inercal.export.cost import Cost, Loss, Samples
-from inercal.export.model import UNITS, ExportModel
+from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges
 from inercal.export.target_definition import Rendering, Target
+from inercal.physics.quantities import QUANTITIES
 
 _WIDTH = 96
-_KINDS = {"f": "specific force", "w": "angular rate"}
 _ASCII = str.maketrans(
     {"µ": "u", "μ": "u", "²": "^2", "³": "^3", "°": "deg", "…": "...", "·": "*", "×": "x",
      "−": "-", "–": "-", "ω": "w", "Δ": "d", "±": "+-", "″": "arcsec", "√": "sqrt"}
@@ -64,7 +64,9 @@ def header_lines(
     """
     lines = [f"{target.meaning}, by inercal {version('inercal')}"]
     lines += _source_lines(model, source)
-    kinds = " and ".join(f"{_KINDS[k]} in {UNITS[k]}" for k, _ in model.triads)
+    kinds = " and ".join(
+        f"{QUANTITIES[k].name} in {QUANTITIES[k].ascii_unit}" for k, _ in model.triads
+    )
     lines.append(f"takes {rendering.reads}; gives {kinds}")
     lines.append(_frame_text(model))
     lines += [f"formula: {text}" for text in rendering.formula]
@@ -77,9 +79,10 @@ def header_lines(
     if with_bias:
         lines += [_cost_text("the same with the biases below subtracted", c) for c in with_bias]
         lines += [
-            f"bias of {_KINDS[kind]} at {_celsius(model):.6g} degC, not read by the target: "
+            f"bias of {QUANTITIES[kind].name} at {_celsius(model):.6g} degC, not read by the "
+            "target: "
             + ", ".join(f"{x:.9g}" for x in triad.bias)
-            + f" {UNITS[kind]}"
+            + f" {QUANTITIES[kind].ascii_unit}"
             for kind, triad in model.triads
         ]
     if model.calibration.states_uncertainty:
@@ -134,7 +137,7 @@ def _cost_lines(what: str, costs: Sequence[Cost], ranges: Ranges, model: ExportM
     for kind, name, (low, high) in (("f", "force", ranges.force), ("w", "rate", ranges.rate)):
         if kind in kinds:
             word = " (assumed)" if name in ranges.assumed else ""
-            parts.append(f"{low:.4g} to {high:.4g} {UNITS[kind]} per axis{word}")
+            parts.append(f"{low:.4g} to {high:.4g} {QUANTITIES[kind].ascii_unit} per axis{word}")
     if ranges.temperature is not None and model.sensor.uses("dT"):
         low, high = (t - ZERO_CELSIUS for t in ranges.temperature)
         parts.append(f"{low:.4g} to {high:.4g} degC")
@@ -144,12 +147,13 @@ def _cost_lines(what: str, costs: Sequence[Cost], ranges: Ranges, model: ExportM
 
 
 def _cost_text(what: str, one: Cost) -> str:
-    unit = UNITS[one.measures]
+    unit = QUANTITIES[one.measures].ascii_unit
     against = f"; U (k = 2) of the calibration there: {one.expanded:.3g}" if one.expanded else ""
     if one.exceeds:
         against += "; the error exceeds U somewhere in the range"
     return (
-        f"{what} in {_KINDS[one.measures]} against the calibration: at most {one.largest:.3g} "
+        f"{what} in {QUANTITIES[one.measures].name} against the calibration: at most "
+        f"{one.largest:.3g} "
         f"{unit} per component, rms {one.rms:.3g}{against}"
     )
 

@@ -21,10 +21,8 @@ from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
 from inercal.export.term_kinds import LINEAR, kinds_of
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Readout, Sensor
-
-_WORDS = {"f": "accelerometers", "w": "gyros"}
-UNITS = {"f": "m/s^2", "w": "rad/s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +150,8 @@ class ExportModel:
             if have == kind:
                 return triad
         raise InputError(
-            f"{target} holds {_WORDS[kind]}, and sensor {self.sensor.name} has none; choose "
+            f"{target} holds {QUANTITIES[kind].sensors}, and sensor {self.sensor.name} has "
+            "none; choose "
             "another target",
             names=self.sensor.channels,
         )
@@ -214,14 +213,15 @@ def _turned_rows(
     """Return the sensor's axis of each channel of the target, and its readout."""
     if len(rows) != 3:
         raise InputError(
-            f"sensor {sensor.name} has {len(rows)} {_WORDS[kind]}: an export takes three of a kind",
+            f"sensor {sensor.name} has {len(rows)} {QUANTITIES[kind].sensors}: an export takes "
+            "three of a kind",
             names=sensor.channels,
         )
     picked = tuple(rows[int(k)] for k in np.abs(turn).argmax(axis=1))
     readouts = tuple(sensor.axes[k].readout for k in picked)
     if len({one.unit for one in readouts}) > 1:
         raise InputError(
-            f"the {_WORDS[kind]} of {sensor.name} have readings in "
+            f"the {QUANTITIES[kind].sensors} of {sensor.name} have readings in "
             f"{', '.join(one.unit for one in readouts)}: an export takes one unit",
             names=sensor.channels,
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, T
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.report_data import Plot
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations, Track
 from inercal.recordings.environment import Environment
@@ -17,7 +18,6 @@ if TYPE_CHECKING:  # a run file that is refused needs none of these
     from inercal.estimation import Estimate, Gaussian
 
 Kind = Literal["f", "w"]
-_WORDS = {"f": "accelerometers", "w": "gyros"}
 Bench = TypeVar("Bench")
 Step = TypeVar("Step")
 BenchIn = TypeVar("BenchIn", contravariant=True)
@@ -262,7 +262,7 @@ class Method(Generic[Bench, Step]):
             coefficient.
         """
         kinds = {axis.measures for axis in sensor.axes}
-        if lacking := tuple(_WORDS[kind] for kind in self.needs if kind not in kinds):
+        if lacking := tuple(QUANTITIES[kind].sensors for kind in self.needs if kind not in kinds):
             raise InputError(
                 f"method {self.name} needs {' and '.join(lacking)}, and sensor {sensor.name} has "
                 "none; add them to [sensor], or choose another method",
@@ -277,7 +277,7 @@ class Method(Generic[Bench, Step]):
         more = _stated_coefficients(part, also, possible)
         if beyond := tuple(name for name in (*chosen, *more) if name not in possible):
             seen = "; ".join(
-                f"of {_WORDS[kind]} {', '.join((*words, *self.also.get(kind, ())))}"
+                f"of {QUANTITIES[kind].sensors} {', '.join((*words, *self.also.get(kind, ())))}"
                 for kind, words in self.default_coefficients.items()
             )
             raise InputError(

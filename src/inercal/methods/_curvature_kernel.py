@@ -2,14 +2,10 @@
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.methods.residuals._row_operations import INNER, KERNEL, add, fill
-
-Indices = NDArray[np.int64]
 
 
 @njit(**INNER)

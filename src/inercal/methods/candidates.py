@@ -22,6 +22,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
 from inercal.basics.parameters import Parameter
 from inercal.estimation import Candidate, Gaussian, Problem
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
 
@@ -33,8 +34,6 @@ _ROUNDING_LIMIT = 1e-12
 _LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2}
 _LARGEST_HARMONIC = 0.01
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
-_READING_UNITS = {"f": "m/s²", "w": "rad/s"}
-_BIAS_TERMS = {"f": "k0", "w": "bias"}
 
 
 def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
@@ -328,7 +327,7 @@ def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
 
 def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
     """Return each row separately, with arbitrary readings."""
-    channels = {axis.name: _READING_UNITS[axis.measures] for axis in sensor.axes}
+    channels = {axis.name: QUANTITIES[axis.measures].unit for axis in sensor.axes}
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
         rows.setdefault(_row_label(label, channels), []).append(k)
@@ -360,25 +359,26 @@ def drift_candidates(
     ramp = np.array([of_row[row] for row in rows])
     columns: dict[str, Array] = {}
     for channel, measures in channels.items():
-        bias = column.get(f"{channel}.{_BIAS_TERMS[measures]}")
+        bias = column.get(f"{channel}.{QUANTITIES[measures].bias}")
         if bias is not None and _affects_observations(bias * ramp):
             columns[channel] = bias * ramp
     result: list[Candidate] = []
-    for kind, unit in _READING_UNITS.items():
+    for kind, quantity in QUANTITIES.items():
         own = [channel for channel in columns if channels[channel] == kind]
         if len(own) > 1:
-            word = "accelerometers" if kind == "f" else "gyros"
             result.append(
                 Candidate(
-                    f"drift of {word}",
+                    f"drift of {quantity.sensors}",
                     "time",
                     tuple(f"drift of {channel}" for channel in own),
-                    (unit,) * len(own),
+                    (quantity.unit,) * len(own),
                     np.stack([columns[channel] for channel in own], axis=-1),
                 )
             )
         result += [
-            Candidate(f"drift of {c}", "time", (f"drift of {c}",), (unit,), columns[c][:, None])
+            Candidate(
+                f"drift of {c}", "time", (f"drift of {c}",), (quantity.unit,), columns[c][:, None]
+            )
             for c in own
         ]
     return result

@@ -20,9 +20,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.keys import CoefficientName
 from inercal.benches import Hand
 from inercal.benches.hand.bench import sensed_motion
@@ -30,8 +29,6 @@ from inercal.estimation import Estimate
 from inercal.physics.motion import Motion
 from inercal.physics.plan import HandStep, Hold
 from inercal.physics.sensors import Sensor
-
-Indices = NDArray[np.int64]
 
 
 class Curvature(NamedTuple):

@@ -26,12 +26,11 @@ from inercal.benches.hand.bench import visit_number
 from inercal.calibration.detectability import CRITICAL_SHIFT, DETECTABLE_NORM
 from inercal.methods._base import Fit, Remarks
 from inercal.physics.plan import Hold, Turn
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
 from inercal.recordings import Finding
 
-_KINDS = {"f": "accelerometers", "w": "gyros"}
-_BIASES = {"f": "k0", "w": "bias"}
 _REPEATED = "a position of each axis that is repeated at the end shows it"
 _REVERSED = "the positions once more in the reverse order show it"
 _BOTH_SENSES = "attitudes between the positions, reached from both sides, show it"
@@ -102,7 +101,7 @@ def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:
     later = np.empty(len(steps))
     later[list(order)] = np.arange(len(steps))
     for axis in sensor.axes:
-        kind = _KINDS[axis.measures]
+        kind = QUANTITIES[axis.measures].sensors
         for j in range(len(steps) - 1):
             name = f"step of the {kind} between two positions"
             yield _Pattern(name, _REPEATED, axis.name, np.where(later > j, 1.0, 0.0))
@@ -156,7 +155,7 @@ def _senses(steps: Sequence[Any], axis: Array, order: Sequence[int]) -> Array:
 def _bias(sensor: Sensor, one: _Pattern) -> ErrorTerm:
     """Return the table entry of the bias of a pattern's axis."""
     measures = next(axis.measures for axis in sensor.axes if axis.name == one.axis)
-    return next(line for line in TABLES[measures] if line.name == _BIASES[measures])
+    return next(line for line in TABLES[measures] if line.name == QUANTITIES[measures].bias)
 
 
 def _size_text(sensor: Sensor, one: _Pattern, size: float) -> str:

@@ -29,6 +29,7 @@ from inercal.basics.units import format_value_and_uncertainty, si_factor
 from inercal.estimation import Estimate
 from inercal.estimation.noise_scale import noise_scale
 from inercal.physics.plan import Rotation, Spin, Step, Turn
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations, Severity
 
@@ -36,7 +37,6 @@ _LARGE_RATIO = 2.0  # of noise, beyond which unit or scale are in doubt
 _SEEN = 0.5  # steps: smaller noise is hidden by the rounding of the readings
 _LEAST_RATIO = 1.3  # stated over found; less is of no matter, and a stated 1.5 is always beyond it
 _LEVEL = 1e-3  # of all comparisons of a run together
-_NOISE_UNITS = {"f": ("accelerometer", "m/s²", "µg/√Hz"), "w": ("gyro", "rad/s", "°/√h")}
 
 
 class _Comparison(NamedTuple):
@@ -112,7 +112,7 @@ def _recorded_noise(
         hidden = (rounding.steps.step > 0) & (rounding.steps.noise < _SEEN)
     resting = np.array([not by_hand and _is_at_rest(step) for step in steps])
     duration = observations.duration[:, None]
-    for kind, (section, like, unit) in _NOISE_UNITS.items():
+    for kind, quantity in QUANTITIES.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind and not hidden[k]]
         noises = [sensor.axes[k].noise for k in own]
         if not any(noise.white for noise in noises):
@@ -128,7 +128,8 @@ def _recorded_noise(
         # In a hand one number stands for the accelerometers together.
         each = observations.dof / (len(own) if by_hand and kind == "f" else 1)
         compared = _most_significant(low, each)
-        size = si_factor(unit, f"({like})/√Hz")
+        unit, section = quantity.noise_unit, quantity.sensor
+        size = si_factor(unit, f"({quantity.unit})/√Hz")
         if high[too_small] > _LARGE_RATIO**2:
             k, ratio, severity = too_small, float(high[too_small]) ** -0.5, "warning"
         elif compared is not None:
@@ -191,12 +192,12 @@ def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
     kinds = np.array(
         [measures.get(ObservationName(one).channel, "f") for one in estimate.observations]
     )
-    for kind, (section, _, _) in _NOISE_UNITS.items():
+    for kind, quantity in QUANTITIES.items():
         if not np.any(kinds == kind):
             continue
         found = noise_scale(rows, kinds == kind, _LEVEL)
         if found is not None and found.ratio >= _LEAST_RATIO:
-            yield _means_finding(section, found.ratio)
+            yield _means_finding(quantity.sensor, found.ratio)
 
 
 def _means_finding(section: str, ratio: float) -> Finding:

@@ -19,6 +19,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.estimation import Estimate
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Sensor
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
@@ -46,7 +47,7 @@ from inercal.recordings.environment.soaks import (
     with_soak_errors,
 )
 from inercal.runfile import Run
-from inercal.runfile.environment_section import MAX_ORDERS, QUANTITIES
+from inercal.runfile.environment_section import MAX_ORDERS, ORDERED
 
 LEAST_SPAN = 10.0  # K
 LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty
@@ -134,11 +135,11 @@ class TemperatureFit:
     def notes(self) -> tuple[str, ...]:
         """Orders and prediction errors, in words."""
         lines: list[str] = []
-        words = {"f": "accelerometers", "w": "gyros"}
         for kind, orders in self.orders.items():
             by = "by AIC" if any(one.kind == kind for one in self.tests) else "as stated"
             lines.append(
-                f"orders in temperature of {words[kind]}, {by}: bias {orders[0]}, scale factor "
+                f"orders in temperature of {QUANTITIES[kind].sensors}, {by}: bias {orders[0]}, "
+                "scale factor "
                 f"{orders[1]}, misalignment {orders[2]}"
             )
         if self.loops:
@@ -326,7 +327,7 @@ def _within_levels(run: Run, levels: int) -> Run:
     """Return the run with terms that so many temperatures determine; refuse stated orders."""
     stated = run.temperature_order
     if isinstance(stated, tuple):
-        for quantity, order in zip(QUANTITIES, stated, strict=True):
+        for quantity, order in zip(ORDERED, stated, strict=True):
             if order >= levels:
                 raise key_error(
                     "[method] temperature_order",

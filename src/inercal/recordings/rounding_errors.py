@@ -23,11 +23,11 @@ from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity
 from inercal.basics.units.expression import read_unit
 from inercal.estimation.uncertainty.rounding import mean_rounding_variance
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 
 _CROSSED = 1.0  # steps: a scatter that averages rounding out
 NOISY = 0.6  # steps of noise; beyond, rounding leaves no error in a mean
-_KINDS = {"f": ("accelerometer", "g", "µg"), "w": ("gyro", "°/s", "°/h")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,24 +227,27 @@ def rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple[
     """Return a line on each kind of channels that are rounded, and on dead bands."""
     kinds = {axis.name: axis.measures for axis in sensor.axes}
     notes: list[str] = []
-    for kind, (word, unit, of_error) in _KINDS.items():
+    for kind, quantity in QUANTITIES.items():
         for dead in (False, True):
             some = [c for c in channels if kinds[c.channel] == kind and c.dead_band == dead]
             if not some:
                 continue
-            sizes = ", ".join(dict.fromkeys(format_quantity(c.step, 0.0, unit) for c in some))
+            sizes = ", ".join(
+                dict.fromkeys(format_quantity(c.step, 0.0, quantity.reading_unit) for c in some)
+            )
             names = ", ".join(c.channel for c in some)
-            size = read_unit(of_error).size
+            size = read_unit(quantity.bias_unit).size
             errors = ", ".join(f"{c.channel} ± {2 * c.std / size:.2g}" for c in some)
             what = (
-                f"{word}s read one value within a band of {sizes} ({names})"
+                f"{quantity.sensors} read one value within a band of {sizes} ({names})"
                 if dead
-                else f"{word} readings step by {sizes}, by more than their noise ({names})"
+                else f"{quantity.sensor} readings step by {sizes}, by more than their noise "
+                f"({names})"
             )
             effect = (
                 "rests alone show the bias only to this (k = 2), however many there are"
                 if kind == "w"
                 else "each mean has this error (k = 2) by rounding"
             )
-            notes.append(f"{what}; {effect}, and U includes it: {errors} {of_error}")
+            notes.append(f"{what}; {effect}, and U includes it: {errors} {quantity.bias_unit}")
     return tuple(notes)

@@ -9,12 +9,10 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.line_numbers import LineBreaks, line_of_row
 from inercal.recordings.findings import Finding
-
-Indices = NDArray[np.int64]
 
 STAMP_ROUNDING = 2e-6  # s: stamps in whole µs, or since 1970 in s as float64, are rounded by less
 GAP_FACTOR = 1.5  # a step of time longer than this many median steps has lost samples

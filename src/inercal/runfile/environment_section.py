@@ -9,16 +9,17 @@ from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
 from inercal.methods import Method
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error, measured_constant, si_value
 from inercal.physics.sensors import Sensor
 from inercal.recordings.environment import ChamberProfile, Environment
 from inercal.recordings.temperature_readout import first_impossible, impossible_text
 from inercal.runfile.schema import EnvironmentSection, RunSchema
 
-_WORDS = {"f": "accelerometers", "w": "gyros"}
 TemperatureOrder = Literal["auto"] | tuple[int, int, int] | None
-QUANTITIES = ("bias", "scale factor", "misalignment")
-MAX_ORDERS = (3, 2, 1)  # of these quantities
+ORDERED = ("bias", "scale factor", "misalignment")
+"""What has an order in temperature, in the order of a run file."""
+MAX_ORDERS = (3, 2, 1)
 # Terms of each quantity by kind of axis, order after order from 1.
 _TERMS = {
     "f": (
@@ -113,7 +114,7 @@ def _require_estimated(
         axis, term = CoefficientName(name).parts
         terms[measures[axis]].add(term)
     highest = {kind: orders_of_terms(kind, own) for kind, own in terms.items()}
-    for place, (quantity, order) in enumerate(zip(QUANTITIES, orders, strict=True)):
+    for place, (quantity, order) in enumerate(zip(ORDERED, orders, strict=True)):
         found = {kind: most[place] for kind, most in highest.items()}
         if order and not any(found.values()):
             raise key_error(
@@ -123,7 +124,8 @@ def _require_estimated(
             if 0 < most < order:
                 raise key_error(
                     key,
-                    f"the method estimates the {quantity} of {_WORDS[kind]} to order {most}, not "
+                    f"the method estimates the {quantity} of {QUANTITIES[kind].sensors} to "
+                    f"order {most}, not "
                     f"{order}; give order {most} there",
                 )
 
@@ -235,7 +237,7 @@ def _require_used(
         if ramp:
             unused[key] = "a ramp has no soaks from which a bias comes back"
         elif kind not in kinds:
-            unused[key] = f"the method calibrates no {_WORDS[kind]}"
+            unused[key] = f"the method calibrates no {QUANTITIES[kind].sensors}"
     if not chosen.follows_rest:
         unused["warm_up"] = "only method temperature_ramp estimates a warm-up"
     if schema.data.kind == "means":

@@ -16,11 +16,10 @@ from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
 from inercal.export.readers.reader_definition import StatedCalibration, StatedTriad
 from inercal.export.term_kinds import temperature_order, term_kind
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, imu
 
-_WORDS = {"f": "accelerometers", "w": "gyros"}
 _LARGEST_SCALE_ERROR = 0.5
-_NAMES = {"f": ("k0", "k1"), "w": ("bias", "scale")}
 
 
 def build_calibration(
@@ -83,7 +82,8 @@ def _axes(
     found = [axis for axis in like.sensor.axes if axis.measures == kind]
     if len(found) != 3:
         raise InputError(
-            f"the file states three {_WORDS[kind]}, and {like.sensor.name} has {len(found)}; give "
+            f"the file states three {QUANTITIES[kind].sensors}, and {like.sensor.name} has "
+            f"{len(found)}; give "
             "a calibration of the same sensor by --like",
             key="--like",
         )
@@ -92,13 +92,14 @@ def _axes(
 
 def _nominal_axes(stated: StatedCalibration, kind: Literal["f", "w"]) -> list[Axis]:
     """Return axes x, y, z with readings in the unit of the file, or in SI."""
-    like = {"f": "m/s^2", "w": "rad/s"}[kind]
+    like = QUANTITIES[kind].ascii_unit
     unit = like if stated.units is None else stated.units["fw".index(kind)]
     try:
         readout = Readout(1 / si_factor(unit, like=like), 0.0, unit)
     except InputError:
         raise InputError(
-            f"the {_WORDS[kind]} read {unit!r}, which is no unit: give a calibration of the same "
+            f"the {QUANTITIES[kind].sensors} read {unit!r}, which is no unit: give a "
+            "calibration of the same "
             "sensor by --like, with its nominal readout",
             key="--like",
         ) from None
@@ -111,7 +112,7 @@ def _coefficients(
     """Return the coefficients of an axis by full name, SI."""
     readout = axis.readout
     scale, offset = (readout.scale, readout.offset) if output else (1.0, 0.0)
-    bias_name, scale_name = _NAMES[kind]
+    bias_name, scale_name = QUANTITIES[kind].bias, QUANTITIES[kind].scale
     found: dict[str, float] = {}
     along, pendulous, across = axis.frame
     if triad.matrix is not None:
@@ -156,6 +157,6 @@ def _temperature_name(kind: Literal["f", "w"], order: int) -> str:
         if term_kind(kind, term) == "bias_temperature" and temperature_order(term) == order:
             return term.name
     raise InputError(
-        f"the bias of {_WORDS[kind]} has a term of order {order} in temperature, for which inercal "
-        "has no coefficient"
+        f"the bias of {QUANTITIES[kind].sensors} has a term of order {order} in temperature, for "
+        "which inercal has no coefficient"
     )

@@ -17,6 +17,7 @@ from inercal.basics.errors import InputError
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.c_text import check_lines, header_text
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
+from inercal.physics.quantities import QUANTITIES
 
 _FRACTION = {"f": 16, "w": 20}
 _BITS = 28  # of K, so that six products of 32 bit counts fit 63 bits
@@ -76,8 +77,7 @@ def _render(request: Request) -> Rendering:
         )
         loops = [line for k in range(len(kinds)) for line in _loop(n, 3 * k, int(shift[3 * k]))]
         steps = {"f": "2^-16 m/s^2", "w": "2^-20 rad/s"}
-        what = {"f": "specific force", "w": "angular rate"}
-        parts = ", then ".join(f"{what[k]} x y z in steps of {steps[k]}" for k in kinds)
+        parts = ", then ".join(f"{QUANTITIES[k].name} x y z in steps of {steps[k]}" for k in kinds)
         lines = [
             "#include <stdint.h>",
             "",

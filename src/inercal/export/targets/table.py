@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from io import StringIO
 
 from inercal.basics.visible_text import spreadsheet_cell
-from inercal.export.model import UNITS
 from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.shared import (
     MATRIX,
@@ -15,6 +14,7 @@ from inercal.export.targets.shared import (
     output_text,
     written,
 )
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import SI_UNITS
 
 _DIGITS = 15
@@ -24,7 +24,7 @@ def _render(request: Request) -> Rendering:
     model = request.model
     matrix = written(model.correction / model.joined("scale"), _DIGITS)
     offset = written(model.outputs(model.joined("bias")), _DIGITS)
-    units = [UNITS[kind] for kind, _ in model.triads for _ in range(3)]
+    units = [QUANTITIES[kind].ascii_unit for kind, _ in model.triads for _ in range(3)]
     outputs = [triad.unit for _, triad in model.triads for _ in range(3)]
     motions = [kind + axis for kind, _ in model.triads for axis in "xyz"]
     rows = [row for _, triad in model.triads for row in triad.rows]

@@ -14,11 +14,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 
-Indices = NDArray[np.int64]
 _COARSE_MARGIN = 1 + 1e-3
 
 

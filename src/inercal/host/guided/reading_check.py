@@ -13,6 +13,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import MeanBench
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis
 from inercal.recordings.data.recording_loader import reader_columns, stated_deviations
 from inercal.runfile import Run
@@ -109,7 +110,7 @@ class ReadingCheck:
         alike = abs(in_si - expected) <= self._tolerance * abs(expected)
         if not alike or abs(scale - 1) < self._tolerance:
             return ""
-        si = {"f": "m/s²", "w": "rad/s"}[axis.measures]
+        si = QUANTITIES[axis.measures].unit
         return f" (is it in {si}? [sensor] states {axis.readout.unit})"
 
     def _far_norm(self, reading: Mapping[str, float]) -> list[str]:

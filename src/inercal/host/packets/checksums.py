@@ -17,8 +17,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from inercal.basics.arrays import Indices
+
 Bytes = NDArray[np.uint8]
-Indices = NDArray[np.int64]
 Values = NDArray[np.uint32]
 
 

@@ -18,6 +18,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.estimation.uncertainty.repeated_measurements import RandomEffect
 from inercal.laboratory.repeatability.sessions import MatchedSessions
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 
 Owner = Literal["sensor", "bench"]
@@ -101,11 +102,10 @@ def similar_coefficients(
     """Return the places of like coefficients, by name, unit and SI size of the unit."""
     groups: dict[tuple[str, str, float], list[int]] = {}
     measures = {axis.name: axis.measures for axis in sensor.axes}
-    kinds = {"f": "accelerometers", "w": "gyros"}
     for place, name in enumerate(names):
         term = sensor.coefficient(name)
         meaning = "misalignment" if term.name in _ROTATED else term.meaning
-        kind = kinds[measures[CoefficientName(name).axis]]
+        kind = QUANTITIES[measures[CoefficientName(name).axis]].sensors
         groups.setdefault((f"{meaning} of {kind}", term.unit, term.si), []).append(place)
     return {key: tuple(places) for key, places in groups.items()}
 

@@ -20,10 +20,10 @@ from inercal.laboratory.store.register_tables import (
     run,
     sensor,
 )
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 
 _DONE_STATE = "done"
-_QUANTITIES = {"f": "specific force", "w": "angular rate"}
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,10 @@ def enter_axes(db: Connection, sensor_name: str, axes: dict[str, str], who: Entr
     for name, measures in axes.items():
         if known.get(name, measures) != measures:
             raise InputError(
-                f"sensor {sensor_name}: axis {name} measures {_QUANTITIES[measures]}, but in the "
-                f"register it measures {_QUANTITIES[known[name]]}: give this sensor another name",
+                f"sensor {sensor_name}: axis {name} measures {QUANTITIES[measures].name}, but "
+                "in the "
+                f"register it measures {QUANTITIES[known[name]].name}: give this sensor another "
+                "name",
                 names=(name,),
             )
     if axes.keys() - known.keys():

@@ -15,11 +15,8 @@ Numba seconds to compile. Miller (1983), J. Guidance 6(4), 287–291, for the tw
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
-
-Indices = NDArray[np.int64]
+from inercal.basics.arrays import Array, Indices
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -32,6 +32,7 @@ from inercal.methods.multi_position.rotations import (
 from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, SI_UNITS, Sensor
 
 Basis = Callable[[Motion], Array]
@@ -40,8 +41,6 @@ _TESTED_GROUPS = {
     "f": ("nonlinearity", "asymmetry", "cross"),
     "w": ("nonlinearity", "asymmetry", "g"),
 }
-_NAMES = {"f": "accelerometers", "w": "gyros"}
-_UNITS = {"f": "m/s²", "w": "rad/s"}
 _GRAVITY, _EARTH_UP, _CLOCK = 0, 3, 4  # their places in x behind the coefficients
 _TURN_STEP = 1e-4  # rad that a candidate turns in all transitions at most
 _CHUNK_SAMPLES = 100_000  # samples
@@ -210,13 +209,13 @@ def _drift_candidates(
             column += turned(k, lambda _, piece, of_samples=of_samples: of_samples[piece])
         columns.setdefault(axis.measures, []).append((f"drift of {axis.name}", column))
     for kind, members in columns.items():
-        together = [(f"drift of {_NAMES[kind]}", members)] if len(members) > 1 else []
+        together = [(f"drift of {QUANTITIES[kind].sensors}", members)] if len(members) > 1 else []
         for name, chosen in (*together, *((one[0], [one]) for one in members)):
             yield Candidate(
                 name,
                 "time",
                 tuple(full for full, _ in chosen),
-                (_UNITS[kind],) * len(chosen),
+                (QUANTITIES[kind].unit,) * len(chosen),
                 np.stack([column for _, column in chosen], axis=-1),
             )
 
@@ -261,7 +260,7 @@ def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:
             own[k] = enter[k][:, axes]
             names = tuple(f"{sensor.axes[a].name}[{label}]" for a in axes)
             name = f"{label} at {time:.4g} s" if seen.timed else label
-            name += f" ({_NAMES[kind]})" * (len(kinds) > 1)
+            name += f" ({QUANTITIES[kind].sensors})" * (len(kinds) > 1)
             yield Candidate(
-                name, "row", names, (_UNITS[kind],) * len(axes), sum_over_rests(rests, own)
+                name, "row", names, (QUANTITIES[kind].unit,) * len(axes), sum_over_rests(rests, own)
             )

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import NotInvertible
 from inercal.methods import temperature
 from inercal.physics.frames import exp_so3, skew
@@ -30,7 +30,6 @@ from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Transitions
 
-Indices = NDArray[np.int64]
 _CHUNK_SAMPLES = 100_000  # samples
 _ITERATIONS = 2  # each leaves a few thousandths of what the one before left
 

@@ -15,13 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.methods.multi_position.rotations import RotationResiduals
 
-Indices = NDArray[np.int64]
 Whiten = Callable[[Array], Array]
 _ROWS_PER_REST = 6  # rows from rest to rest
 _BLOCK_ROWS = 8  # that one rest enters

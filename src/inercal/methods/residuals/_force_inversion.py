@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.methods.residuals._row_operations import (
     INNER,
     add,
@@ -31,9 +30,6 @@ from inercal.methods.residuals._row_operations import (
     set_slope,
 )
 from inercal.methods.residuals.term_table import ALONG, OTHER, TermTable
-
-Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 _WIDTH = 16  # of a loop: spare rows up to a multiple of it repeat the last one
 _MAX_STEPS, _TINY = 40, 2.0**-1022

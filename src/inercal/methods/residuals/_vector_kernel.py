@@ -11,14 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.problem import NormalEquations
 from inercal.methods.residuals._kernels import set_normal
 from inercal.methods.residuals._row_operations import INNER, KERNEL, add, dot, fill
-
-Indices = NDArray[np.int64]
 
 
 class Derivatives(NamedTuple):

@@ -7,14 +7,11 @@ A kernel works from this table, so that the declarations in
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.keys import CoefficientName
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import Product
-
-Indices = NDArray[np.int64]
 
 # Powers of the components in a product, and of sign and temperature.
 _POWERS = ("fi", "fp", "fo", "si", "dT")

@@ -10,15 +10,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.priors_and_gauges import cholesky
 from inercal.estimation.problem import NormalEquations
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
-
-Indices = NDArray[np.int64]
 
 
 class StatedMotion(NamedTuple):

@@ -13,9 +13,8 @@ epochs. If it followed the estimate, the filter would count directions as observ
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step
 from inercal.methods.systematic._kernels import (
     SAMPLE_VECTORS,
@@ -26,7 +25,6 @@ from inercal.methods.systematic._kernels import (
 )
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 
-Indices = NDArray[np.int64]
 FILTER_VECTORS, FILTER_MATRICES = SAMPLE_VECTORS + 9, 4
 NAVIGATION = 6  # states of ψ and v
 _AFTER_COEFFICIENTS = 3  # lag, gravity, latitude

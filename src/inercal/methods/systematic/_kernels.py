@@ -20,13 +20,11 @@ Sources: Savage 2000, Strapdown Analytics, chapters 7 (integration) and 18 (erro
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 
-Indices = NDArray[np.int64]
 VECTORS, MATRICES = 20, 4  # of the working space: (VECTORS, 3) and (MATRICES, 3, 3)
 SAMPLE_VECTORS = 10  # of `advance_sample`
 

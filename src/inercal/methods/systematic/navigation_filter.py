@@ -17,9 +17,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation import FilterHistory, Gaussian
 from inercal.methods.systematic._filter_kernel import (
     FILTER_MATRICES,
@@ -41,7 +40,6 @@ from inercal.methods.turntable.drift_propagation import add_drift_cross_covarian
 REST_VELOCITY = 1e-5  # m/s, standard deviation of the velocity of a table at rest
 LIVE_CHUNK = 25  # epochs that are followed together
 _MARGIN = 3  # samples on either side of a chunk, for derivatives
-Indices = NDArray[np.int64]
 
 
 class ConstantEstimate(NamedTuple):

@@ -4,16 +4,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.physics.sensors import Sensor
 from inercal.recordings import ReadingSteps, RoundingErrors, Track, sample_count
 from inercal.recordings.segments.reading_steps import reading_steps
 
-Indices = NDArray[np.int64]
 MIN_RESTS = 6
 FILTER_NOISE = 0.5  # of a step, that the gyros of a filter have at least: it knows no rounding
 BLOCK_SECONDS = 0.1  # of samples over which sensitivities are summed

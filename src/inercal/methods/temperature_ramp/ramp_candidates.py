@@ -15,9 +15,9 @@ from inercal.basics.run_file_advice import Change
 from inercal.estimation import Candidate
 from inercal.methods.candidates import extended_sensor
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import SI_UNITS
 
-_UNITS = {"f": "m/s²", "w": "rad/s"}
 _LONGEST = 0.5  # of the recording: a slower warm-up is a drift
 _COARSE, _FINE = 16, 9  # time constants that are tried
 
@@ -81,7 +81,7 @@ def _drift_candidates(model: RampModel) -> list[Candidate]:
             f"drift of {axis.name}",
             "time",
             (f"drift of {axis.name}",),
-            (_UNITS[axis.measures],),
+            (QUANTITIES[axis.measures].unit,),
             _column(model, k, shape)[:, None],
         )
         for k, axis in enumerate(model.sensor.axes)
@@ -114,7 +114,7 @@ def _warm_up_candidates(model: RampModel, x: Array) -> list[Candidate]:
         ratio, count = float(tried[1] / tried[0]), _FINE
     wave = np.stack([_column(model, k, time / best * np.exp(-time / best)) for k in axes], axis=-1)
     names = [axis.name for axis in model.sensor.axes]
-    units = tuple(_UNITS[axis.measures] for axis in model.sensor.axes)
+    units = tuple(QUANTITIES[axis.measures].unit for axis in model.sensor.axes)
     return [
         Candidate(
             "warm_up",

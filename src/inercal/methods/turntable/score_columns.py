@@ -31,6 +31,7 @@ from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, large
 from inercal.methods.turntable.model import TriadModel
 from inercal.physics.frames import exp_so3, log_so3
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_tables import SI_UNITS, TABLES
 
@@ -40,8 +41,6 @@ DRIFT_MODES = 4
 _MIN_HARMONICS = 3  # of each axis, tested at least
 # Groups of coefficients; a track has no rate of the temperature.
 _EXCLUDED_GROUPS = ("arm", "rotation", "temperature_rate")
-_UNITS = {"f": "m/s²", "w": "rad/s"}
-_TRIAD_NAMES = {"f": "accelerometers", "w": "gyros"}
 
 
 @dataclass(frozen=True)
@@ -145,12 +144,12 @@ def sensor_columns(
         for a, axis in enumerate(part.sensor.axes):
             drift[:, a, 3 * k + a] = shape
             name = f"drift of {axis.name}"
-            families = (f"drift of {_TRIAD_NAMES[kind]}", name)
+            families = (f"drift of {QUANTITIES[kind].sensors}", name)
             if k > 0:
                 name = f"mode {k} of {axis.name}"
-                families = (f"slow changes of {_TRIAD_NAMES[kind]}",)
+                families = (f"slow changes of {QUANTITIES[kind].sensors}",)
             largest = LARGEST_RELATIVE_SIZE * (G0 if kind == "f" else 1.0)
-            columns.append(ConstantColumn(name, "time", _UNITS[kind], largest, families))
+            columns.append(ConstantColumn(name, "time", QUANTITIES[kind].unit, largest, families))
     return tuple(columns), np.concatenate([design, drift], axis=-1)
 
 

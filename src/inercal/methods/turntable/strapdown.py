@@ -5,9 +5,8 @@ rotation vector; φ(f, ω) of `terms` is called phi. Functions write results to 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step, kernel_value
 from inercal.methods.turntable.small_matrices import (
     Matrix,
@@ -23,7 +22,6 @@ from inercal.methods.turntable.small_matrices import (
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 from inercal.recordings import STAMP_ROUNDING
 
-Indices = NDArray[np.int64]
 # A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2 where its slope
 # jumps by a at the share s of a step, the half of Bernoulli's second polynomial: none on average
 # and 1/√720 rms. There three third differences are (1 − s, 2 s − 1, −s) a Δt, of sum zero; where

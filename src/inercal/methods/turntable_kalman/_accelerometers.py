@@ -14,9 +14,8 @@ trapezoid would be in two.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import FilterSteps, store_covariance_rows, update
 from inercal.estimation.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
@@ -50,8 +49,6 @@ from inercal.methods.turntable_kalman._filter_steps import (
     white_noise_covariance,
     write_estimate,
 )
-
-Indices = NDArray[np.int64]
 
 
 class VelocityReadback(NamedTuple):

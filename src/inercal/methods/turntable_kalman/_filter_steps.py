@@ -10,9 +10,8 @@ again. A loop in Python over compiled steps would cost several calls of 10 µs p
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import predict, update
 from inercal.estimation.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift import Drift
@@ -20,7 +19,6 @@ from inercal.methods.turntable.drift_propagation import add_drift_cross_covarian
 from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms
 from inercal.methods.turntable.terms import BIAS, Terms
 
-Indices = NDArray[np.int64]
 # Standard deviations of an epoch's innovation. Chance exceeds it in one of 900 epochs, which costs
 # nothing; an error of five must not be used where the noise hides part of it.
 INNOVATION_GATE = 4.0

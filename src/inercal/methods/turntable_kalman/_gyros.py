@@ -6,7 +6,6 @@ Rates are parabolas through the last three samples, with the second-order term o
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.estimation.kalman import FilterSteps, store_covariance_rows, update
@@ -59,8 +58,6 @@ from inercal.methods.turntable_kalman._readback import (
     feed_back,
     observe,
 )
-
-Indices = NDArray[np.int64]
 
 
 @kernel

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import update
 from inercal.estimation.kernel_options import kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import sum_drift_components
@@ -34,7 +34,6 @@ from inercal.methods.turntable_kalman._filter_steps import (
     Transition,
 )
 
-Indices = NDArray[np.int64]
 MAX_LINEAR_DELAY = 1e-4  # s: over it the angle is linear within 0.04″, even at 1000 °/s²
 MAX_ITERATIONS, DELAY_TOLERANCE = 10, 1e-6  # of a delay, s
 REST_RATE_VARIANCES = 20.0  # variances of a sample, within which a rate is noise

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import FilterHistory
@@ -37,7 +37,6 @@ from inercal.methods.turntable_kalman.filtered_track import FilteredTrack, Filte
 from inercal.methods.turntable_kalman.states import S
 from inercal.recordings import Track
 
-Indices = NDArray[np.int64]
 _NONE = np.zeros(0)
 TILT = ("phi_e", "phi_n", "phi_u")
 """φ: the error of the attitude that a filter uses, about east, north and up."""

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation import FilterHistory, SmoothedStates
 from inercal.estimation.kalman import FilterSteps, smooth_steps, start_smoother
 from inercal.methods.turntable.terms import BIAS
@@ -22,7 +21,6 @@ from inercal.recordings import Track
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter import Filter
 
-Indices = NDArray[np.int64]
 # Of a piece, at most. The memory of a piece is that of its epochs, at a high rate of its samples;
 # the states before the pieces take 30 kB each.
 PIECE_EPOCHS, PIECE_SAMPLES = 1024, 1 << 16

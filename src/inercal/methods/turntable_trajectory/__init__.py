@@ -15,9 +15,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
@@ -40,7 +39,6 @@ from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
-Indices = NDArray[np.int64]
 # Whitening depends on the coefficients and sums many increments: a smaller fall of χ² is rounding.
 _ROUNDING = 1e-7
 

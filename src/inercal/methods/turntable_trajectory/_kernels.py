@@ -7,9 +7,8 @@ Level frame and signs as in `inercal.methods.turntable.strapdown`.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.kalman import predict
 from inercal.estimation.kernel_options import kernel_step
 from inercal.methods.turntable.drift import Drift
@@ -25,9 +24,6 @@ from inercal.methods.turntable.strapdown import (
 )
 from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE
 from inercal.methods.turntable_trajectory.rate_bends import neighbour_share
-
-Indices = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_rate
@@ -37,7 +37,6 @@ from inercal.physics.frames import log_so3, skew
 from inercal.physics.motion import Motion
 from inercal.recordings import STAMP_ROUNDING, Track
 
-Indices = NDArray[np.int64]
 _AVERAGING_TIME = 1.0  # s of rest that make one mean
 
 

@@ -7,13 +7,12 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis
 from inercal.pipeline.budget.plan_requirements import require_budget_plan
 from inercal.pipeline.budget.virtual_experiment import Experiment
 from inercal.recordings.data.recording_loader import stated_deviations
 from inercal.runfile import Run
-
-_SECTION = {"f": "accelerometer", "w": "gyro"}
 
 
 def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment:
@@ -78,7 +77,7 @@ def _noise_covariance(run: Run) -> Array:
 
 
 def _mean_variance(stated: Mapping[str, float], axis: Axis, seconds: float) -> float:
-    kind = _SECTION[axis.measures]
+    kind = QUANTITIES[axis.measures].sensor
     if axis.measures in stated:
         return stated[axis.measures] ** 2
     if not axis.noise.white:

@@ -16,6 +16,7 @@ import numpy as np
 from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.rounding import last_digit
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis, Sensor
 from inercal.recordings import Observations, ReadingSteps, rounded_channels, rounding_notes
 from inercal.recordings.io.column_table import TOO_LARGE, Array, Table, shorten
@@ -301,7 +302,7 @@ def _standard_deviations(
             continue
         name = by_axis[axis.name] + SD_SUFFIX
         if name not in table.columns:
-            kind = {"f": "accelerometer", "w": "gyro"}[axis.measures]
+            kind = QUANTITIES[axis.measures].sensor
             raise InputError(
                 f"{path}: [data.sd] {kind} is missing: state the standard deviation of a mean with "
                 f"its unit, or add columns with that of each row, such as {name!r}",

@@ -18,9 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
-
-Indices = NDArray[np.int64]
+from inercal.basics.arrays import Array, Indices
 
 _BLOCK = 64  # windows at least that share a reference
 _SAME = 4.0  # a variance within this ratio of an earlier variance is unchanged

@@ -27,22 +27,20 @@ Otsu's criterion:
 
 from dataclasses import dataclass
 from math import exp, log, sqrt
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording, sample_count
 
-Indices = NDArray[np.int64]
 Kind = Literal["f", "w"]
 
 WINDOW = 0.5  # s over which scatter is computed
 CLASS_RATIO = 1.75  # ratio of the classes' mean scatters
-KIND_NAMES: dict[Kind, str] = {"f": "accelerometers", "w": "gyros"}
 _STAY = 2.0  # s for which an unchanged level is counted
 _OUTER = 0.05
 _BINS = 512
@@ -96,7 +94,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
             f"are {recording.data.shape}; detect them in each trial"
         )
     found: list[WeightedAxes] = []
-    for kind in KIND_NAMES:
+    for kind in get_args(Kind):
         axes = sensor.select_axes(kind).axes
         if axes:
             columns = np.array([recording.channels.index(axis.name) for axis in axes])
@@ -146,7 +144,7 @@ def scatter(recording: Recording, sensor: Sensor, kind: Kind) -> Array:
             v = _kernels.window_variances(recording.data, one.columns, one.weight, segments, window)
             v /= one.columns.size
             return np.sqrt(v, out=v)
-    raise InputError(f"sensor {sensor.name} has no {KIND_NAMES[kind]}", names=(kind,))
+    raise InputError(f"sensor {sensor.name} has no {QUANTITIES[kind].sensors}", names=(kind,))
 
 
 def motion_threshold(

@@ -15,14 +15,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.arrays import Array, Indices, true_ranges
 from inercal.basics.errors import InputError
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.segments.motion_thresholds import (
-    KIND_NAMES,
     WINDOW,
     MotionThreshold,
     WeightedAxes,
@@ -33,8 +32,6 @@ from inercal.recordings.segments.motion_thresholds import (
     window_samples,
 )
 from inercal.recordings.segments.section_means import MIN_SAMPLES
-
-Indices = NDArray[np.int64]
 
 MARGIN = (0.25, 0.4)  # s cut off both ends of a run: a tenth of it, within these limits
 SHORTEST = 0.5  # s that must remain; of a rest of 1.5 s that much remains
@@ -97,7 +94,7 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     levels = tuple(level for level, _ in judged)
     if not any(np.isfinite(level.threshold) for level in levels):
         scatters = " and ".join(
-            f"{level.quiet:.2g} {level.unit} ({KIND_NAMES[level.kind]})" for level in levels
+            f"{level.quiet:.2g} {level.unit} ({QUANTITIES[level.kind].sensors})" for level in levels
         )
         raise InputError(
             f"{recording.source}: rest and motion cannot be distinguished: all samples scatter "
@@ -255,7 +252,8 @@ def _threshold_text(level: MotionThreshold) -> str:
     limit = f"threshold {level.threshold:.3g} {level.unit}"
     if not np.isfinite(level.threshold):
         limit = "no threshold because rest and motion scatter equally"
-    return f"scatter at rest {level.quiet:.3g} {level.unit}, {limit} ({KIND_NAMES[level.kind]})"
+    return f"scatter at rest {level.quiet:.3g} {level.unit}, {limit} "
+    f"({QUANTITIES[level.kind].sensors})"
 
 
 def find_thresholds(recording: Recording, sensor: Sensor) -> tuple[MotionThreshold, ...]:

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, true_ranges
 from inercal.basics.errors import InputError
 from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording, sample_count
 from inercal.recordings.segments.motion_thresholds import (
-    KIND_NAMES,
     MotionThreshold,
     axis_kinds,
     gapless_segments,
@@ -80,7 +80,7 @@ class SectionDetection:
 
 
 def _threshold_text(level: MotionThreshold) -> str:
-    kind, unit = KIND_NAMES[level.kind], level.unit
+    kind, unit = QUANTITIES[level.kind].sensors, level.unit
     return (
         f"scatter at rest {level.quiet:.3g} {unit}, threshold {level.threshold:.3g} {unit} ({kind})"
     )

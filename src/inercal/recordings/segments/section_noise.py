@@ -18,10 +18,10 @@ from inercal.estimation.section_statistics import (
     analyse_sections,
     haar_contrasts,
 )
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Noise, Sensor
 from inercal.recordings.segments.hand_motion_noise import readings_along_gravity
 
-_KINDS = {"f": "accelerometers", "w": "gyros"}
 _ALIKE = 3.0  # times in scatter: rests that differ by more are reported
 
 
@@ -127,7 +127,7 @@ def section_noise_statistics(
         # The effect of a drift changes its sign with the attitude: the norms of all rests show it.
         within = (judged.within,) if judged.within and judged.shape == "change" else ()
         return SectionNoise(scale, (WHITE,) * m, drift, within, (), disturbance_variance)
-    for kind, words in _KINDS.items():
+    for kind, quantity in QUANTITIES.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not own:
             continue
@@ -154,7 +154,7 @@ def section_noise_statistics(
                 )
             for k in own:
                 correlation[k] = judged.correlation
-        notes += _notes(words, judged, seconds, labels, stated)
+        notes += _notes(quantity.sensors, judged, seconds, labels, stated)
     return SectionNoise(
         scale,
         tuple(correlation),
@@ -194,13 +194,13 @@ def drift_of_slopes(
 def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
     """Return notes on the drift over the run that the uncertainty contains, (m,) SI."""
     notes: list[str] = []
-    for kind, words in _KINDS.items():
+    for kind, quantity in QUANTITIES.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if own and (most := float(reach[own].max())) > 0:
             text = f"{most / G0 * 1e3:.2g} mg" if kind == "f" else f"{np.degrees(most):.2g} °/s"
             notes.append(
                 f"the slopes within the rests leave a drift of about {text} over the run open "
-                f"({words}, k = 1): it is in the uncertainty of the biases"
+                f"({quantity.sensors}, k = 1): it is in the uncertainty of the biases"
             )
     return notes
 

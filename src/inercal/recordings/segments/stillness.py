@@ -17,6 +17,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.io.column_table import row_blocks
@@ -29,7 +30,6 @@ _COMMON, _MIN_SECTIONS = 3.0, 4  # times the usual range, where so many sections
 _QUANTA = 2.5
 # Changes below these are no move, however quiet the sensor: 0.1 mrad of tilt, 2 °/h.
 _FLOOR = {"f": 1e-4 * G0, "w": 1e-5}
-_UNITS = {"f": "m/s²", "w": "rad/s"}
 
 
 def require_still(
@@ -105,8 +105,9 @@ def require_still(
         axis = sensor.axes[int(k)]
         text = (
             f"section {mark.label} moves: its mean changes by {change:.3g} "
-            f"{_UNITS[axis.measures]} ({axis.name}) within it, and noise and quantisation explain "
-            f"{allowed:.3g} {_UNITS[axis.measures]} at most"
+            f"{QUANTITIES[axis.measures].unit} ({axis.name}) within it, and noise and "
+            "quantisation explain "
+            f"{allowed:.3g} {QUANTITIES[axis.measures].unit} at most"
         )
         if mark.label in accepted:
             message = f"{text}; [data] accept_moving accepts it"

@@ -10,9 +10,8 @@ from math import acos, cos, degrees, radians
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.arrays import Array, Indices, true_ranges
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.turntable.attitude import reference_attitude
@@ -29,7 +28,6 @@ from inercal.recordings.io.rest_norm import audit_rest_norm
 from inercal.recordings.segments import observe as averaged
 from inercal.recordings.segments.attitudes import INVALID_SAMPLES
 
-Indices = NDArray[np.int64]
 _WINDOW = 0.2  # s
 _MOVING = radians(0.05)  # rad/s
 _SIGMAS = 6.0  # of the noise of a window, where it exceeds that

@@ -27,6 +27,7 @@ from inercal.benches.turntable.reading.exchange_fits import (
 )
 from inercal.benches.turntable.reading.host_readback import Interruption, are_interrupted
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS as WITHOUT
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Finding, Track
 
@@ -251,10 +252,10 @@ def _require_axes(
         raise InputError(
             f"{where}: readings and readback do not agree; they fit with {ways}", names=best[0]
         )
-    kinds = {"f": ("accelerometer", columns.accelerometer), "w": ("gyro", columns.gyro)}
+    names_of = {"f": columns.accelerometer, "w": columns.gyro}
     factors: list[str] = []
     for kind, m in off.items():
-        key, names = kinds[kind]
+        key, names = QUANTITIES[kind].sensor, names_of[kind]
         pairs = zip(names, m.factors().tolist(), strict=True)
         factors.append(f"[data] {key}: " + ", ".join(f"{n} {x:.3g}" for n, x in pairs))
     raise InputError(

@@ -6,9 +6,8 @@ from dataclasses import replace
 from math import degrees, pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.turntable.bench import Turntable
@@ -64,7 +63,6 @@ from inercal.recordings.segments import (
     observe as averaged,
 )
 
-Indices = NDArray[np.int64]
 _WIDEST = 0.05  # s
 _NOT_LATE = 1e-3  # s
 _MOVED = radians(0.1)
