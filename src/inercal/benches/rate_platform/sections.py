@@ -13,9 +13,6 @@ import re
 from dataclasses import dataclass
 from math import cos, degrees, pi, radians, sin
 
-import numpy as np
-
-from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.plan import AXES, Vector, describe_direction
 
@@ -175,11 +172,6 @@ def step_of_label(label: str, seconds: float) -> PlatformStep:
         '"x +50", a rest, "-y rest", a turn, "x turn +360", or a pose, "roll 90 pitch 0"',
         names=(label,),
     )
-
-
-def up_directions(steps: "tuple[PlatformStep, ...] | list[PlatformStep]") -> Array:
-    """Return the case direction that points up in each section, (r, 3)."""
-    return np.array([step.up for step in steps]).reshape(-1, 3)
 
 
 def whole_turns(rate: float, seconds: float) -> float:

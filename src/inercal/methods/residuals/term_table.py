@@ -34,11 +34,6 @@ class TermTable(NamedTuple):
     place: Indices  # (t,), of the product: below `ALONG`, one of `ACROSS`, or `OTHER`
     powers: Indices  # (t, 5), of fi, fp, fo, the sign of fi, and ΔT
 
-    @property
-    def uses_temperature(self) -> bool:
-        """Whether a product depends on ΔT."""
-        return bool(self.powers[:, _POWERS.index("dT")].any())
-
 
 def term_table(sensor: Sensor) -> TermTable | None:
     """Return the table of a sensor; None where its model has more than such products.
