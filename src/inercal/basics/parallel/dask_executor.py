@@ -2,8 +2,8 @@
 
 import logging
 import re
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
@@ -160,13 +160,23 @@ class DaskExecutor(TolerantExecutor):
         self._waiting: list[Task] = []  # accepted, and not sent yet
         self._count = 0
         self._clock = AwakeClock()
-        self.dashboard = str(client.dashboard_link)
-        client.subscribe_topic(self._topic, self._note_step)
+        with self._lost_scheduler_named():
+            self.dashboard = str(client.dashboard_link)
+            client.subscribe_topic(self._topic, self._note_step)
 
     @property
     def workers(self) -> int:
         """Workers that the cluster has now, at least one."""
-        return max(len(self._client.scheduler_info()["workers"]), 1)
+        with self._lost_scheduler_named():
+            return max(len(self._client.scheduler_info()["workers"]), 1)
+
+    @contextmanager
+    def _lost_scheduler_named(self) -> Generator[None]:
+        """Raise `SchedulerLost` for what a client raises whose scheduler has ended meanwhile."""
+        try:
+            yield
+        except Exception as error:  # of more than one type
+            raise self._scheduler_lost() from error
 
     def require_same_version(self) -> None:
         """Refuse workers of another version of inercal, and a cluster without workers.
@@ -179,10 +189,8 @@ class DaskExecutor(TolerantExecutor):
             The scheduler has ended meanwhile.
         """
         own, address = version("inercal"), self._address
-        try:
+        with self._lost_scheduler_named():
             found: dict[str, Any] = self._client.run(version, "inercal", on_error="return")
-        except Exception as error:  # of a scheduler that is gone, of more than one type
-            raise self._scheduler_lost() from error
         if not found:
             raise InputError(
                 f"--scheduler {address}: the cluster has no worker; start one by `dask worker "
