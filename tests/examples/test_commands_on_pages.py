@@ -43,7 +43,6 @@ RUN = {
 # Where the Python of the other pages is run.
 PYTHON = {
     "README.md": "examples/test_examples.py",
-    "CONTRIBUTING.md": "methods/test_sequential.py",
     "docs/how-to/budget.md": "examples/test_docs.py",
     "docs/how-to/export.md": "export/test_export_example.py",
     "docs/how-to/ferraris.md": "examples/test_examples.py",
