@@ -2,9 +2,9 @@
 
 The file is CycloneDX 1.6 in JSON (ECMA-424). Its components are the packages that inercal and its
 extras install, as `requirements.lock` pins them with their hashes; what only development needs is
-left out. Licences are those that installed packages declare: a version that the lock holds for
-another system or another Python has none. The scope is "required" for packages of the core and
-"optional" for those of extras.
+left out. A package that the lock holds for another system only stands without scope and licence,
+and a version for another Python without licence. The scope is "required" for packages of the core
+and "optional" for those of extras.
 
 There is no time and no serial number: equal locks give equal files.
 """
@@ -13,6 +13,7 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError
 from typing import Any, NamedTuple
 
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
@@ -70,9 +71,19 @@ def bill_of_materials() -> dict[str, Any]:
             }
         },
         "components": [
-            _component(one, core, used) for one in locked if one.name in core or one.name in used
+            _component(one, core, used)
+            for one in locked
+            if one.name in core or one.name in used or not _is_installed(one.name)
         ],
     }
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        package(name)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def _identity(name: str, version: str) -> dict[str, str]:
@@ -85,10 +96,11 @@ def _component(
 ) -> dict[str, Any]:
     """Return a component; `used` has the extras that add each package."""
     made: dict[str, Any] = {"type": "library", **_identity(one.name, one.version)}
-    made["scope"] = "required" if one.name in core else "optional"
+    installed = package(one.name) if _is_installed(one.name) else None
+    if installed is not None:
+        made["scope"] = "required" if one.name in core else "optional"
     made["hashes"] = [{"alg": "SHA-256", "content": text} for text in one.hashes]
-    installed = package(one.name)
-    if installed.version == one.version:
+    if installed is not None and installed.version == one.version:
         made["licenses"] = _licences(installed.licence)
     properties = [("inercal:extra", key) for key in used.get(one.name, ())]
     properties += [("inercal:marker", one.marker)] * bool(one.marker)

@@ -114,9 +114,11 @@ def differences(before: Any, after: Any, where: str = "") -> Iterator[tuple[floa
         for key in dict.fromkeys([*before, *after]):
             if key not in before or key not in after:
                 yield float("inf"), f"{where}.{key}: only in one of both"
-            elif key == "value" and u and isinstance(before[key], float):
+            elif (
+                key == "value" and u and all(isinstance(one[key], float) for one in (before, after))
+            ):
                 yield from _difference(before[key], after[key], u, f"{where}.{key}")
-            elif key == "covariance" and _is_square(before[key]) and _is_square(after[key]):
+            elif key == "covariance" and _is_square(before[key], after[key]):
                 sd = [sqrt(abs(row[i])) for i, row in enumerate(before[key])]
                 for i, row in enumerate(before[key]):
                     for k, one in enumerate(row):
@@ -137,13 +139,17 @@ def differences(before: Any, after: Any, where: str = "") -> Iterator[tuple[floa
 
 def _difference(one: float, two: float, scale: float, where: str) -> Iterator[tuple[float, str]]:
     if one != two:
-        size = abs(one - two) / scale if isfinite(one) and isfinite(two) else float("inf")
-        yield size, f"{where}: {one!r} and {two!r}"
+        size = abs(one - two) / scale
+        yield (size if isfinite(size) else float("inf")), f"{where}: {one!r} and {two!r}"
 
 
-def _is_square(value: Any) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(row, list) and len(row) == len(value) for row in value
+def _is_square(*values: Any) -> bool:
+    """Return whether all values are square matrices of one size."""
+    return all(
+        isinstance(one, list)
+        and len(one) == len(values[0])
+        and all(isinstance(row, list) and len(row) == len(one) for row in one)
+        for one in values
     )
 
 

@@ -21,6 +21,7 @@ from inercal.benches.turntable.reading.gyro_comparison import (
     ReadbackDifference,
     gyro_comparison_findings,
 )
+from inercal.benches.turntable.reading.readback_increments import KnotSpacing, find_increments
 from inercal.recordings import Track
 from inercal.runfile import Run, read
 
@@ -166,3 +167,24 @@ def test_gyros_that_are_off_by_five_percent_blame_no_readback(sound: tuple[Run, 
     assert isinstance(run.bench, Turntable)
     alone = replace(track, reading=track.reading[:, :3])
     assert gyro_comparison_findings(alone, force, run.bench) == ()
+
+
+def test_a_turn_within_a_gap_of_a_table_that_stands_is_in_no_other_increment(
+    sound: tuple[Run, Track, float],
+):
+    run, track, _ = sound
+    assert isinstance(run.bench, Turntable)
+    rest = track.slice(0, 1500)
+    lost, turned = slice(700, 800), np.zeros((1500, 3))
+    turned[800:, 0] = np.pi / 2
+    kept = np.ones(1500, dtype=bool)
+    kept[lost] = False
+    gapped = Track(
+        rest.time[kept], rest.reading[kept], (rest.angles + turned)[kept], rest.hold[kept]
+    )
+    columns = np.array([False] * 3 + [True] * 3)
+    knots = find_increments(run.bench, gapped, columns, np.eye(3), np.empty(0), KnotSpacing(1 / HZ))
+    body = knots.columns[0][:, 3:6]
+    assert np.abs(body[~knots.usable]).max() > 1
+    # The earth's rate and what remains of the readback's noise.
+    assert np.abs(body[knots.usable]).max() < 1e-5

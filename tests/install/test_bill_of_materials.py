@@ -63,7 +63,7 @@ def test_the_file_is_what_the_tool_writes():
 
 @same_system
 def test_scopes_are_those_of_core_and_extras():
-    scopes = {one["name"]: one["scope"] for one in COMPONENTS}
+    scopes = {one["name"]: one.get("scope") for one in COMPONENTS}
     core = core_packages()
     optional = set[str]().union(*(added for _, added in extras().values())) - core
     assert {name for name, scope in scopes.items() if scope == "required"} == core

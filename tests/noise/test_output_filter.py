@@ -203,6 +203,21 @@ def test_a_slow_gauss_markov_process_is_no_filter_and_is_not_refused():
     assert "G" in found.fit.symbols
 
 
+def test_white_noise_that_is_seen_beside_a_strong_walk_is_not_refused():
+    # They are equal at 0.8 Hz: above it a recording at 100 Hz shows the white noise.
+    rng, n, dt = np.random.default_rng(3), 60_000, 0.01
+    white = 0.01 / np.sqrt(dt) * rng.standard_normal(n)
+    walk = 0.05 * np.sqrt(dt) * np.cumsum(rng.standard_normal(n))
+    made = Recording(dt * np.arange(n), (white + walk)[:, None], ("gx",), ("rad/s",))
+    found = inercal.analyse_noise(made, kinds=()).channels[0]
+    assert found.refusal is None
+    white_found, walk_found = found.coefficient("N"), found.coefficient("K")
+    assert white_found is not None
+    assert walk_found is not None
+    assert white_found.value == pytest.approx(0.01, rel=0.02)
+    assert walk_found.value == pytest.approx(0.05, rel=0.05)
+
+
 def test_a_time_constant_at_the_edge_of_its_grid_has_no_uncertainty():
     y = draw(MEMS.without(n=8192, flicker=0.0, walk=3.0), 2)[0]
     one = Recording(0.25 * np.arange(y.size), y[:, None], ("gx",), ("rad/s",))

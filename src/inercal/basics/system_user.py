@@ -8,5 +8,5 @@ def user_name() -> str:
     """Return the name of the system's user, or the number of one without a name."""
     try:
         return getuser()
-    except (OSError, KeyError):  # as in containers
-        return f"user {os.getuid()}"
+    except (ImportError, KeyError, OSError):  # as in containers
+        return f"user {os.getuid()}" if hasattr(os, "getuid") else "unknown"

@@ -245,10 +245,10 @@ def _same_spectrum(time: float) -> str:
 
 
 def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
-    """Return a model, or its refusal where N is not seen beside what a filter may have left.
+    """Return a model, or its refusal where a low-pass filter could explain it.
 
-    That is a short Gauss–Markov process, or a random walk: above the cut-off, white noise behind
-    one pole falls as a random walk does.
+    White noise behind a filter looks like a short Gauss–Markov process or, above the cut-off, like
+    a random walk. Only other white noise beside it tells them apart.
 
     Parameters
     ----------
@@ -262,7 +262,11 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
     if "G" in fit.symbols and fit.markov_time <= _LONGEST:
         if white <= _LEAST_FLOOR * 2 * fit.variance("G") * fit.markov_time:
             return _refused(model, _same_spectrum(fit.markov_time))
-    elif white <= _LEAST_FLOOR * fit.variance("K") * _LONGEST**2 > 0:
+    elif (
+        (walk := model.selection.significance.get("K")) is not None
+        and walk.is_present
+        and white <= fit.variance("K") / (2 * np.pi * model.bins.frequency.max()) ** 2
+    ):
         return _refused(
             model,
             "white noise behind a low-pass filter with a low cut-off and a random walk have the "

@@ -1,7 +1,4 @@
-"""What an axis measures, as records: words, units, and the coefficients of bias and scale factor.
-
-A further quantity is one more record here, with its table of coefficients.
-"""
+"""What an axis measures, as records: words, units, and the names of bias and scale factor."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,13 +11,13 @@ class Quantity:
     Parameters
     ----------
     symbol : str
-        Of the field, as in `Axis.measures`: "f".
+        The letter in `Axis.measures`, "f".
     name : str
         "specific force".
     sensor, sensors : str
-        What measures it, which is also its section of a run file, and the plural.
+        The word for what measures it, which also names its section of a run file; its plural.
     unit, ascii_unit : str
-        SI, and as files of programs write it.
+        The SI unit, and the same in ASCII for exported files.
     reading_unit, bias_unit, noise_unit : str
         Units of readings, of biases and of white noise in messages and reports.
     bias, scale : str

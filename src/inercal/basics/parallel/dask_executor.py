@@ -43,6 +43,8 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
     InputError
         No scheduler at the address, no certificates for "tls://", no worker or workers of another
         version of inercal, or a number of workers.
+    SchedulerLost
+        The scheduler has ended meanwhile.
     MissingExtra
         Dask is not installed.
     """
@@ -68,7 +70,11 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.set(_SETTINGS):
         client = _connected_client(distributed, address)
-    executor = DaskExecutor(client)
+    try:
+        executor = DaskExecutor(client)
+    except BaseException:
+        client.close()
+        raise
     try:
         executor.require_same_version()
     except BaseException:
@@ -161,14 +167,24 @@ class DaskExecutor(TolerantExecutor):
         self._count = 0
         self._clock = AwakeClock()
         with self._lost_scheduler_named():
-            self.dashboard = str(client.dashboard_link)
             client.subscribe_topic(self._topic, self._note_step)
+            self.dashboard = self._dashboard_link()
 
     @property
     def workers(self) -> int:
         """Workers that the cluster has now, at least one."""
         with self._lost_scheduler_named():
-            return max(len(self._client.scheduler_info()["workers"]), 1)
+            known: dict[str, Any] | None = self._client.scheduler_info().get("workers")
+        if known is None:
+            raise self._scheduler_lost()
+        return max(len(known), 1)
+
+    def _dashboard_link(self) -> str:
+        """Return the address of the cluster's page; empty where Dask's settings make none."""
+        try:
+            return str(self._client.dashboard_link)
+        except (KeyError, ValueError):  # of a template with names that do not exist
+            return ""
 
     @contextmanager
     def _lost_scheduler_named(self) -> Generator[None]:
@@ -176,6 +192,8 @@ class DaskExecutor(TolerantExecutor):
         try:
             yield
         except Exception as error:  # of more than one type
+            if self._client.status == "running" and not isinstance(error, OSError):
+                raise
             raise self._scheduler_lost() from error
 
     def require_same_version(self) -> None:

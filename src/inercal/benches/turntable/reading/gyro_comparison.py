@@ -24,7 +24,7 @@ delay; noise of the readback is known by neighbouring increments, which it corre
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 from math import degrees, hypot, radians, sqrt
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -332,8 +332,10 @@ _CAUSE = "; check the encoder, its cable and the controller"
 def _inverse(covariance: Array) -> Array:
     """Return the inverse of a positive definite matrix, in a third of the time of `numpy`'s."""
     potrf, potri = scipy.linalg.get_lapack_funcs(("potrf", "potri"), (covariance,))
-    factor: Any = potrf(covariance, lower=True, overwrite_a=True)[0]
-    half: Any = potri(factor, lower=True, overwrite_c=True)[0]
+    factor, wrong = potrf(covariance, lower=True, overwrite_a=True)
+    half, _ = potri(factor, lower=True, overwrite_c=True)
+    if wrong:
+        raise np.linalg.LinAlgError("the covariance is not positive definite")
     lower: Array = np.tril(half)
     return lower + np.tril(half, -1).T
 

@@ -4,12 +4,12 @@
 """
 
 from dataclasses import dataclass
-from math import hypot, inf, radians, sqrt
+from math import inf, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.benches.turntable.attitude import axis_directions, body_rates, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.recordings import GAP_FACTOR, Track
@@ -152,16 +152,16 @@ def find_increments(
     sizes = np.abs(turned)
     resolution = float(sizes[sizes > _DUST].min(initial=inf))
     resolution = resolution if resolution < _COARSEST else 0.0
-    increments = np.diff(v[at], axis=0)
-    noise = hypot(bench.white, resolution / sqrt(12))
+    increments, spans = np.diff(v[at], axis=0), np.diff(time[at])
+    clear = _CLEAR * bench.white / (spacing.every * step)
     to_gyros = inputs.T
     return Increments(
         time[at],
         np.diff(g[at], axis=0),
         increments @ to_gyros,
         _parameter_columns(
-            np.diff(time[at]),
-            _without_noise(increments, rate, _CLEAR * noise / KNOT),
+            spans,
+            _without_noise(increments, spans, rate, usable, clear),
             up,
             harmonics,
             there,
@@ -180,29 +180,35 @@ def find_increments(
     )
 
 
-def _without_noise(increments: Array, rate: Array, clear: float) -> Array:
+def _without_noise(increments: Array, dt: Array, rate: Array, usable: Bools, clear: float) -> Array:
     """Return the body's increments, (n, 3), averaged where the table turns too slowly.
 
-    Readings of a table that stands are noise. A scale factor that is fitted to them tends to −1,
-    since the same noise, reversed, is in what the gyros differ by.
+    The readings of a table that stands are noise. A scale factor that is fitted to them tends to
+    −1, because the same noise, reversed, is in the difference between gyros and readback.
 
     Parameters
     ----------
     increments : (n, 3) array
         rad.
+    dt : (n,) array
+        s of each.
     rate : (n + 1, 3) array
         At the knots, rad/s.
+    usable : (n,) array of bool
+        Those without a gap; the others serve no average.
     clear : float
         rad/s, above which noise makes no difference.
     """
     size = np.linalg.norm(rate, axis=-1)
-    slow = np.maximum(size[1:], size[:-1]) < clear
+    slow = usable & (np.maximum(size[1:], size[:-1]) < clear)
     box = np.ones(2 * _LONG + 1)
-    count = np.convolve(slow, box, "full")[_LONG : -_LONG or None]
-    total = [np.convolve(one * slow, box, "full")[_LONG : -_LONG or None] for one in increments.T]
-    return np.where(
-        slow[:, None], np.stack(total, axis=-1) / np.maximum(count, 1)[:, None], increments
-    )
+
+    def around(values: Array) -> Array:
+        return np.convolve(np.where(slow, values, 0.0), box, "full")[_LONG:-_LONG]
+
+    mean = np.stack([around(one) for one in increments.T], axis=-1)
+    mean /= np.where(slow, around(dt), 1.0)[:, None]
+    return np.where(slow[:, None], mean * dt[:, None], increments)
 
 
 def _parameter_columns(
