@@ -9,8 +9,7 @@ from tools import numbers
 @pytest.mark.slow
 def test_numbers_of_examples_and_studies_are_those_on_record():
     before = json.loads(numbers.RECORD.read_text(encoding="utf-8"))
-    changed = list(numbers.differences(before, numbers.all_numbers()))
-    assert [one for one in changed if one[0] > numbers.ROUNDING] == []
+    assert numbers.beyond_rounding(before, numbers.all_numbers()) == []
 
 
 def test_a_change_of_a_value_counts_by_its_uncertainty():
