@@ -9,7 +9,7 @@ from inercal.estimation.uncertainty.repeated_measurements import (
     block_matrix,
     effect_variances,
 )
-from inercal.laboratory.repeatability.repeated_sessions import scatter_limits
+from inercal.estimation.uncertainty.scatter_limits import scatter_limits
 
 
 def test_one_value_with_equal_noise_has_the_closed_form():

@@ -23,16 +23,14 @@ Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
-from inercal.estimation.uncertainty.coverage import COVERAGE, COVERAGE_PROBABILITY
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation.uncertainty.scatter_limits import scatter_limits
 from inercal.laboratory.repeatability.effects import (
     NamedEffect,
     Owner,
@@ -47,43 +45,6 @@ from inercal.laboratory.repeatability.sessions import (
     RepeatedSession,
     match_sessions,
 )
-
-
-class Limits(NamedTuple):
-    """A standard deviation, and its limits."""
-
-    sd: float
-    low: float
-    high: float
-
-
-def scatter_limits(variance: float, variance_of_it: float, dof: int) -> Limits:
-    """Return the limits of σ with 95.45 % coverage.
-
-    σ² + s², s² the part of the noise, has the distribution of χ² with ν degrees of freedom, and so
-    the variance 2 (σ² + s²)²/ν: from it follows s².
-
-    Parameters
-    ----------
-    variance, variance_of_it : float
-        σ² as estimated, and the variance of the estimate.
-    dof : int
-        ν.
-
-    Examples
-    --------
-    >>> sd, low, high = scatter_limits(1.0, 2 / 9, 9)  # without noise
-    >>> round(low, 2), round(high, 2)
-    (0.68, 1.85)
-    """
-    total = max(sqrt(variance_of_it * dof / 2), variance)
-    noise = total - variance
-    tail = (1 - COVERAGE_PROBABILITY) / 2
-    low, high = (
-        max(total * dof / float(scipy.special.chdtri(dof, p)) - noise, 0.0)
-        for p in (tail, 1 - tail)
-    )
-    return Limits(sqrt(variance), sqrt(low), sqrt(high))
 
 
 @dataclass(frozen=True, eq=False)
