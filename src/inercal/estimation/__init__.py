@@ -3,8 +3,9 @@
 The names below are loaded when they are first used: a run file is checked without them.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from inercal.basics.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from inercal.estimation.candidate_scores import score_tests
@@ -37,10 +38,7 @@ _MODULES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+__getattr__ = lazy_names(__name__, _MODULES)
 
 
 __all__ = [

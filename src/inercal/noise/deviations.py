@@ -32,9 +32,9 @@ from inercal.noise.confidence import (
 
 # Hadamard total and modified total variance (Howe and Vernotte; NIST SP 1065, 5.2.11 to 5.2.14).
 #
-# Each of the subsequences that three averaging times span has its trend removed, is reflected at
-# both ends to three times its length, and is averaged; these are estimators without bias
-# correction.
+# The trend of each subsequence of three averaging times is removed. The subsequence is then
+# extended by its reflections at both ends to three times its length, and averaged. No bias is
+# corrected.
 _MOST = 1 << 22  # numbers in one block of subsequences
 
 
