@@ -91,7 +91,7 @@ class Interruptions:
                     self._pauses.pop("operator", None)
                 case "stop":
                     self.end("stopped by the operator")
-        if monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
+        if self._guard.signal_received or monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
             self.check_guard()
         self._follow_trouble("IMU", imu, time, patience)
         # Else that is the reason, and said already.
