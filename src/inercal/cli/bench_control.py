@@ -38,10 +38,11 @@ def run_bench_charts(
         No such bench, or too few days with bench estimates.
     """
     from inercal.basics.atomic_files import write_text
+    from inercal.basics.documents import document_text
     from inercal.basics.errors import InputError
     from inercal.cli.control_view import doubtful_object, print_doubtful
     from inercal.cli.outputs import CONTROL, PAGE, check_outputs
-    from inercal.laboratory.check_standard.bench_chart_texts import as_object, to_text
+    from inercal.laboratory.check_standard.bench_chart_texts import bench_charts_object
     from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
     from inercal.laboratory.store import Register
     from inercal.laboratory.store.bench_calibrations import calibrations_of_bench
@@ -80,10 +81,10 @@ def run_bench_charts(
         check_outputs(kinds, register_files, force=options.force)
         from inercal.report import write_bench_control
 
-        write_text(targets[0], to_text(found))
+        write_text(targets[0], document_text(bench_charts_object(found)))
         write_bench_control(found, targets[1], doubtful)
     if options.json:
-        print_json(as_object(found) | doubtful_object(doubtful))
+        print_json(bench_charts_object(found) | doubtful_object(doubtful))
         return
     _print_charts(found)
     print_doubtful(doubtful)

@@ -56,7 +56,7 @@ def run(
     # The modules of the work load after the run file was checked.
     from inercal.basics.atomic_files import atomic_write_all, keep_previous
     from inercal.basics.errors import MissingExtra
-    from inercal.calibration.files import as_object, save
+    from inercal.calibration.files import calibration_object, save
     from inercal.pipeline import calibrate
     from inercal.recordings.io.mean_tables import write_means
 
@@ -103,7 +103,8 @@ def run(
                 del files["report"]
     if json:
         print_json(
-            as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()}
+            calibration_object(outcome.calibration)
+            | {kind: str(path) for kind, path in files.items()}
         )
     else:
         print_coefficients(outcome, plan.truth)

@@ -74,12 +74,13 @@ def run(
         run_bench_charts(bench, register, options, same)
         return
     from inercal.basics.atomic_files import write_text
+    from inercal.basics.documents import document_text
     from inercal.basics.errors import InputError
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
     from inercal.cli.outputs import CONTROL, PAGE, check_outputs
     from inercal.cli.session_inputs import read_sessions
     from inercal.laboratory.check_standard import CheckedSession, control_charts
-    from inercal.laboratory.check_standard.chart_files import as_object, to_text
+    from inercal.laboratory.check_standard.chart_files import control_charts_object
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     undated = [one.session.label for one in given if not one.measured]
@@ -107,10 +108,10 @@ def run(
         check_outputs(kinds, inputs, force=force)
         from inercal.report import write_control
 
-        write_text(targets[0], to_text(found))
+        write_text(targets[0], document_text(control_charts_object(found)))
         write_control(found, targets[1], doubtful)
     if json:
-        print_json(as_object(found) | doubtful_object(doubtful))
+        print_json(control_charts_object(found) | doubtful_object(doubtful))
         return
     print_charts(found)
     print_doubtful(doubtful)

@@ -58,7 +58,7 @@ def run(
 
 def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     from inercal.benches.qualification.input_file import input_files, qualify
-    from inercal.benches.qualification.qualification_file import as_object, save
+    from inercal.benches.qualification.qualification_file import qualification_object, save
     from inercal.cli.outputs import QUALIFICATION, check_outputs
 
     if out is not None:
@@ -67,7 +67,7 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     if out is not None:
         save(found, out)
     if json:
-        print_json(as_object(found))
+        print_json(qualification_object(found))
     else:
         from inercal.cli.qualify_view import print_qualification
 
