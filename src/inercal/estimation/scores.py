@@ -162,6 +162,8 @@ class Candidate:
     def without_zero_components(self) -> "Candidate":
         """Return the candidate without the components that act on no observation."""
         acting = np.flatnonzero(np.any(self.rows != 0.0, axis=0))
+        if acting.size == len(self.components):
+            return self
         return replace(
             self,
             components=tuple(self.components[k] for k in acting),

@@ -315,6 +315,7 @@ def candidates(
         for name in one.families:
             found.setdefault(name, []).append(k)
     result: list[Candidate] = []
+    by_column = np.ascontiguousarray(rows.T)  # whole columns are taken from it
     for name, at in found.items():
         if len(at) == 1 and columns[at[0]].families[-1] != name:
             continue  # what is alone in its family is a candidate by itself
@@ -325,7 +326,7 @@ def candidates(
                 chosen[0].kind,
                 tuple(one.name for one in chosen),
                 tuple(one.unit for one in chosen),
-                rows[:, at],
+                by_column[at].T,
                 None if moved is None else moved[:, at],
                 np.array([one.largest for one in chosen]),
             )

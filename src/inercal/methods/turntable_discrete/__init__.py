@@ -179,7 +179,7 @@ def _rows_from_readback(
             ways.append(AxisAngles(time[:1], angles.mean(axis=-2, keepdims=True)))
         else:
             ways.append(AxisAngles(time, angles))
-            means[..., r, :] = time_mean(track.reading[..., at, :], time, -2)
+            means[..., r, :] = time_mean(track.reading[..., at, :], time)
     return replace(observations, mean=means), ways
 
 

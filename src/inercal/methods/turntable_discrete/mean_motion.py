@@ -76,12 +76,20 @@ def planned_angles(bench: Turntable, steps: Sequence[TableStep]) -> list[AxisAng
     return ways
 
 
-def time_mean(values: Array, time: Array, axis: int) -> Array:
-    """Return the mean over time by trapezoids along an axis; of one sample itself."""
+def time_mean(values: Array, time: Array) -> Array:
+    """Return the mean of values (..., n, k) over time by trapezoids; of one sample itself."""
+    return _time_weights(time) @ values
+
+
+def _time_weights(time: Array) -> Array:
+    """Return the share of each sample in a mean over time by trapezoids, (n,)."""
     if len(time) == 1:
-        return np.take(values, 0, axis=axis)
-    result = np.trapezoid(np.moveaxis(values, axis, -1), time, axis=-1)
-    return np.asarray(result, dtype=float) / (time[-1] - time[0])
+        return np.ones(1)
+    steps = np.diff(time) / (time[-1] - time[0])
+    weights = np.zeros(len(time))
+    weights[1:] += 0.5 * steps
+    weights[:-1] += 0.5 * steps
+    return weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,15 +115,22 @@ def row_means(bench: Turntable, way: AxisAngles) -> RowMeans:
     up, north = earth_rate_up_north(bench.latitude)
     force, earth = np.array([0, 0, bench.gravity.value]), np.array([0, north, up])
     back = np.swapaxes(mat, -1, -2)
+    weighted = _time_weights(time)[:, None, None] * back
+    mean = weighted.sum(axis=-3)
+    # Means of products of an element of Cᵀ and one of B: (..., 9, 3 q) of n samples.
+    products = np.swapaxes(weighted.reshape(*mat.shape[:-2], 9), -1, -2) @ seen.by.reshape(
+        *mat.shape[:-2], -1
+    )
+    products = products.reshape(*products.shape[:-2], 3, 3, 3, -1)
 
     def moved(v: Array) -> Array:
         """Return mean Cᵀ (v × B), (..., 3, q)."""
-        return time_mean(back @ np.cross(v[:, None], seen.by, axis=-2), time, -3)
+        return np.einsum("jk,...ijkq->...iq", np.cross(v, np.eye(3)).T, products)
 
-    f, w = time_mean(back @ force, time, -2), time_mean(back @ earth, time, -2)
+    f, w = mean @ force, mean @ earth
     by_f, by_w = moved(force), moved(earth)
     northward = np.array([0, -up, north])  # ∂(earth's rate)/∂(latitude)
-    dw = {"latitude": time_mean(back @ northward, time, -2)}
+    dw = {"latitude": mean @ northward}
     if len(time) > 1:
         lasting = time[-1] - time[0]
         steps = log_so3(back[..., :-1, :, :] @ mat[..., 1:, :, :])
