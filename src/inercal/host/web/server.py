@@ -69,6 +69,9 @@ class ServerOptions:
     token: str | None = None
 
 
+_TURNS = 3  # of the event loop
+
+
 class WebServer(uvicorn.Server):
     """The web server, which ends the run before it ends itself.
 
@@ -116,6 +119,10 @@ class WebServer(uvicorn.Server):
     async def _check_connections(self) -> None:
         while True:
             await asyncio.sleep(CHECK_INTERVAL)
+            # After a moment in which the loop stood still, requests that have arrived are read
+            # and heard in the next turns: until then they would count as connections without one.
+            for _ in range(_TURNS):
+                await asyncio.sleep(0)
             self._limits.close_overdue(self.server_state.connections)
 
     async def _exit_when_idle(self) -> None:
