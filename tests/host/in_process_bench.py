@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.host.conftest import ScriptedLink
 
-from inercal.host import bench_run, clock, imu_receiver, interruptions, recorder, table_driver
+from inercal.host import bench_run, clock, imu_port, interruptions, recorder, table_driver
 from inercal.host.clock import HostUptime
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
@@ -34,7 +34,7 @@ ADDRESSES = (
 )
 _LAYOUT = read_layout("fixed")
 _HOST_START = 50.0  # s of the host's monotonic clock when the bench's time is 0
-_CLOCK_READERS = (bench_run, clock, imu_receiver, interruptions, recorder, table_driver)
+_CLOCK_READERS = (bench_run, clock, imu_port, interruptions, recorder, table_driver)
 
 
 class InProcessBench:

@@ -24,7 +24,7 @@ import numpy as np
 from inercal.basics.errors import InercalError, InputError
 from inercal.benches.turntable import require_turntable
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
-from inercal.host.assembly.clock_matching import CLOCK_LOST
+from inercal.host.assembly.poll_record import CLOCK_LOST
 from inercal.host.assembly.rate_polls import RatePlausibility
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
@@ -37,24 +37,21 @@ from inercal.host.clock import (
 )
 from inercal.host.drivers.rotary_table import RotaryTable, TableFault, TableState
 from inercal.host.guard import Guard
-from inercal.host.imu_receiver import ImuReceiver
-from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks
+from inercal.host.imu_port import ImuReceiver
+from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks, ReadbackWarnings
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
-from inercal.host.mounting_prompt import MountingPrompt, MountingRequest
-from inercal.host.options import DEFAULT_OPTIONS, RunOptions
-from inercal.host.readback_warnings import ReadbackWarnings
 from inercal.host.recorder import PIECE_MAX, LogEnd, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
 from inercal.host.sequencer import Sequencer
-from inercal.host.spin_sequencer import SpinSequencer
+from inercal.host.spin_sequencer import MountingPrompt, MountingRequest, SpinSequencer
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
 from inercal.host.table_state_codec import pack_state
 from inercal.host.task_sequencer import Command
-from inercal.host.tasks import HostPlan, SpinTask, TurnTask, host_plan
+from inercal.host.tasks import DEFAULT_OPTIONS, HostPlan, RunOptions, SpinTask, TurnTask, host_plan
 
 SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
 _PACKET_TIMEOUT = 5.0  # s
@@ -151,8 +148,10 @@ class BenchRun:
                 self.sequencer, self._guard, self._stop, self._go_on, self._say
             )
             self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
-            self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
-            self._mounting.restore()
+            self._mounting: MountingPrompt | None = None
+            if isinstance(self.sequencer, SpinSequencer):  # a table of angles has no mountings
+                self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
+                self._mounting.restore()
             # A simulated bench stands still from here on: the port opens between two packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
@@ -199,7 +198,7 @@ class BenchRun:
     @property
     def mounting_request(self) -> MountingRequest | None:
         """The mounting that waits for a confirmation, or None."""
-        return self._mounting.request
+        return self._mounting.request if self._mounting else None
 
     @property
     def has_mountings(self) -> bool:
@@ -208,11 +207,13 @@ class BenchRun:
 
     def call_before_request(self, drop: Callable[[], object]) -> None:
         """Have a function called in the run's thread before each request for a mounting."""
-        self._mounting.before_request = drop
+        if self._mounting:
+            self._mounting.before_request = drop
 
     def confirm_mounting(self, number: int, mounting: str, by: str) -> None:
         """Confirm a mounting for the request `number`, from whichever thread."""
-        self._mounting.confirm(number, mounting, by)
+        if self._mounting:
+            self._mounting.confirm(number, mounting, by)
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
         """Ask for something, from whichever thread; it is done within a tick."""
@@ -266,7 +267,8 @@ class BenchRun:
         self.time = tick.time
         self._guard.beat()
         self._interruptions.follow_host(0.0 if self._before_start else late)
-        self._mounting.update(self.time if self.state is None else self.state.time)
+        if self._mounting:
+            self._mounting.update(self.time if self.state is None else self.state.time)
         self._send_commands()
         fresh = self._read()
         heard = self._imu.take(tick)

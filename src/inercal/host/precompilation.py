@@ -29,7 +29,7 @@ from inercal.estimation import Gaussian
 from inercal.host.assembly import SampleAssembler
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
-from inercal.host.navigation import Navigator
+from inercal.host.live_estimator import Navigator
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame

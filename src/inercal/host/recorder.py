@@ -20,8 +20,7 @@ from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.clock import HostUptime
 from inercal.host.closeable import Closeable
 from inercal.host.journal import Journal
-from inercal.host.live_estimator import LiveEstimator
-from inercal.host.navigation import NavigationSolution, Navigator
+from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames

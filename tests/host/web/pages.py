@@ -16,7 +16,7 @@ from typing import Any, Self
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from inercal.host.options import RunOptions
+from inercal.host.tasks import RunOptions
 from inercal.host.web.access import Access
 from inercal.host.web.device_catalogue import DeviceCatalogue
 from inercal.host.web.hub import Hub

@@ -13,9 +13,9 @@ import pytest
 from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header, scripted
 
 from inercal.host.journal import Journal
-from inercal.host.options import RunOptions
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import RunLog
+from inercal.host.tasks import RunOptions
 from inercal.host.web import app, hub, run_process, viewers
 from inercal.host.web.run_request import PROCESS_RECORD, RunRequest, write_process_record
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.host.assembly.clock_matching import MATCHING_TIME
 from inercal.host.assembly.packet_dating import PacketDating, PacketRows
+from inercal.host.assembly.poll_record import MATCHING_TIME
 from inercal.host.packets import Decoder, Flag, PacketCounts, PacketLayout, Packets
 from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import LogFrame

@@ -5,7 +5,9 @@ toward a soft limit is a move that ends `LIMIT_MARGIN` before it: the controller
 """
 
 from collections.abc import Mapping, Sequence
-from math import degrees, isfinite, nan, radians
+from dataclasses import dataclass
+from math import degrees, inf, isfinite, nan, radians
+from typing import Literal
 
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
@@ -18,7 +20,6 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     axis_index,
 )
-from inercal.host.manual.axis_task import AxisTask
 from inercal.host.manual.commands import (
     AxisCommand,
     GoCommand,
@@ -34,6 +35,32 @@ from inercal.host.task_sequencer import (
     MoveCommand,
     SpinCommand,
 )
+
+Activity = Literal["idle", "home", "go", "jog", "stop"]
+
+
+@dataclass(frozen=True)
+class AxisTask:
+    """The last command of an axis that is operated by hand.
+
+    Parameters
+    ----------
+    activity : "idle", "home", "go", "jog" or "stop"
+        Stop: it decelerates.
+    goal : float
+        Commanded angle, rad; NaN where none is commanded.
+    rate : float
+        Commanded rate, rad/s; signed in a jog.
+    begun, due : float
+        s of the session: the time of the command, and the time limit of the motion.
+    """
+
+    activity: Activity = "idle"
+    goal: float = nan
+    rate: float = 0.0
+    begun: float = -inf
+    due: float = inf
+
 
 LIMIT_MARGIN = radians(0.1)  # rad before a soft limit, where a jog toward it ends
 _LEAST_JOG = radians(0.01)  # rad to that place below which an axis is there

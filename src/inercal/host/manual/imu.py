@@ -11,7 +11,7 @@ from inercal.host.assembly import SampleAssembler, SampleTally
 from inercal.host.clock import Tick
 from inercal.host.closeable import Closeable
 from inercal.host.drivers.rotary_table import TableState
-from inercal.host.imu_receiver import ImuReceiver
+from inercal.host.imu_port import ImuReceiver
 from inercal.host.interlocks import Interlocks
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state

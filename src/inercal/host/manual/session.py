@@ -37,8 +37,7 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.guard import Guard
 from inercal.host.interlocks import Interlocks, LastChecks
 from inercal.host.journal import NOTE_LEVEL, Journal
-from inercal.host.manual.axis_task import AxisTask
-from inercal.host.manual.command_check import CommandCheck, narrower_limits
+from inercal.host.manual.command_check import AxisTask, CommandCheck, narrower_limits
 from inercal.host.manual.commands import (
     AxisCommand,
     GoCommand,

@@ -1,4 +1,6 @@
-"""What the simulated controllers have in common: a table, whose time they let pass."""
+"""What the simulated controllers have in common: a table, whose time they let pass, and lines."""
+
+from collections.abc import Callable
 
 from inercal.basics.errors import InputError
 from inercal.host.sim.dynamics import FAULTS, AxesMotion, SimulatedTable
@@ -47,3 +49,19 @@ class Controller:
                     key="fault",
                     names=(words,),
                 )
+
+
+class LineSession:
+    """A connection on which a controller is told lines, each answered at once.
+
+    What arrives is split at `ending`; `answer` takes a line.
+    """
+
+    def __init__(self, ending: bytes, answer: Callable[[str], str]):
+        self._ending, self._answer = ending, answer
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> bytes:
+        """As `server.Session.feed`."""
+        *lines, self._buffer = (self._buffer + data).split(self._ending)
+        return "".join(self._answer(line.decode("latin-1").strip()) for line in lines).encode()

@@ -35,9 +35,9 @@ from inercal.host.sim import motion_link
 from inercal.host.sim.faults import parse_number
 from inercal.host.sim.imu_model import SimulatedImu, draw_bias_drift, noise_block_size
 from inercal.host.sim.packet_packer import PacketPacker
+from inercal.host.sim.server import answer_lines
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.host.sim.simulator_port import SimulatorPort, TcpPort, TerminalPort
-from inercal.host.sim.simulator_process import answer_lines
 from inercal.runfile import Run, read
 
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"

@@ -4,12 +4,13 @@ import asyncio
 import gzip
 import json
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from time import monotonic
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -22,12 +23,41 @@ from inercal.host.packets import PRESETS, read_layout
 from inercal.host.web.access import Access
 from inercal.host.web.access_middleware import AccessMiddleware
 from inercal.host.web.device_catalogue import probe_devices
-from inercal.host.web.filter_changes import check_filter_changes
 from inercal.host.web.hub import Hub, free_space
 from inercal.host.web.json_objects import parse_object
+from inercal.host.web.plans import check_filter_changes
 from inercal.host.web.refusal_log import RefusalLog
-from inercal.host.web.shared_call import SharedCall
 from inercal.host.web.viewers import Client, Viewer
+
+Result = TypeVar("Result")
+
+
+class SharedCall(Generic[Result]):
+    """Calls a slow function in a thread; its result goes to all who asked before the call began.
+
+    Parameters
+    ----------
+    function : callable
+    lock : asyncio.Lock
+        Held during a call.
+    """
+
+    def __init__(self, function: Callable[[], Result], lock: asyncio.Lock):
+        self._function, self._lock = function, lock
+        self._next: asyncio.Task[Result] | None = None
+
+    async def __call__(self) -> Result:
+        """Return the result of a call that begins after this."""
+        if self._next is None:
+            self._next = asyncio.create_task(self._call())
+        # Who gives up ends the wait, but not the call: the others still wait for it.
+        return await asyncio.shield(self._next)
+
+    async def _call(self) -> Result:
+        async with self._lock:
+            self._next = None
+            return await asyncio.to_thread(self._function)
+
 
 _MESSAGE_RATE = 20  # messages of a viewer
 _HEARTBEAT_INTERVAL = 2.0  # s

@@ -13,30 +13,32 @@ from zlib import crc32
 
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
-from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
+from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.host.web.command_relay import NOTE, mounted_line
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
-from inercal.host.web.filter_changes import filter_changes, require_filter_changes
 from inercal.host.web.json_objects import JsonObject, as_object
-from inercal.host.web.manual_request import (
-    HALT,
-    ManualRequest,
-    manual_line,
-    start_manual_process,
-)
-from inercal.host.web.message_history import MessageHistory, is_alarm
-from inercal.host.web.plans import Plan, Plans
+from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
+    HALT,
     PROCESS_RECORD,
+    ManualRequest,
     ProcessRequest,
     RunRequest,
+    manual_line,
     premature_end_message,
     read_process_record,
 )
 from inercal.host.web.runs import Runs, StoredRun
-from inercal.host.web.viewers import OPERATOR_GRACE, Client, Viewer, Viewers
+from inercal.host.web.viewers import (
+    OPERATOR_GRACE,
+    Client,
+    MessageHistory,
+    Viewer,
+    Viewers,
+    is_alarm,
+)
 
 _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s that a process may take to end that has told its end
@@ -64,9 +66,7 @@ class Hub:
     options : RunOptions
         Of each run.
     start : callable, optional
-        Starts the process of a run.
-    start_manual : callable, optional
-        Starts the process of a session by hand.
+        Starts the process of a run or of a session by hand.
 
     Attributes
     ----------
@@ -81,15 +81,14 @@ class Hub:
         choice: DeviceCatalogue,
         register: str | None = None,
         options: RunOptions = DEFAULT_OPTIONS,
-        start: Callable[[RunRequest], RunProcess] = RunProcess,
-        start_manual: Callable[[ManualRequest], RunProcess] = start_manual_process,
+        start: Callable[[ProcessRequest], RunProcess] = RunProcess,
     ):
         self.probe_lock = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
         self.people = Viewers()
         self._stop_executor = ThreadPoolExecutor(1, "stop")
         self._register, self._options = register, options
-        self._start, self._start_manual = start, start_manual
+        self._start = start
         self.run_process: RunProcess | None = None
         self._end_published = False
         self._history: MessageHistory | None = None
@@ -295,7 +294,7 @@ class Hub:
         plan = _chosen_plan(plans, asked.get("plan"))
         await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
         _require_room(self.runs.folder, plan.summary["bytes"])
-        self._launch_process(
+        self._launch(
             self._run_request(
                 _new_run_folder(self.runs.folder, plan.path.stem), chosen, asked, plan.path
             )
@@ -314,7 +313,7 @@ class Hub:
             str(folder.absolute()), str(plan.path.absolute()), self.people.operator or "", table,
             imu if with_imu else "", clock, simulated, crc32(folder.name.encode()), with_imu,
         )  # fmt: skip
-        self._launch(order, lambda: self._start_manual(order))
+        self._launch(order)
 
     async def _resume_run(self, asked: JsonObject) -> None:
         """Go on with an interrupted run as asked."""
@@ -329,7 +328,7 @@ class Hub:
         table, imu = asked.get("table"), asked.get("imu")
         as_before = table is None and imu is None
         chosen = ChosenDevices("", "") if as_before else self.choice.chosen(table, imu)
-        self._launch_process(self._run_request(run.path, chosen, asked, None))
+        self._launch(self._run_request(run.path, chosen, asked, None))
 
     async def _require_idle(self) -> Mapping[str, StoredRun]:
         """Return the runs there are, none of which goes on, while nobody asks the devices."""
@@ -366,12 +365,9 @@ class Hub:
             None if plan is None else filter_changes(asked.get("filter")),
         )
 
-    def _launch_process(self, order: RunRequest) -> None:
-        self._launch(order, lambda: self._start(order))
-
-    def _launch(self, order: ProcessRequest, start: Callable[[], RunProcess]) -> None:
+    def _launch(self, order: ProcessRequest) -> None:
         try:
-            self.run_process = start()
+            self.run_process = self._start(order)
         except OSError as error:
             raise InputError(
                 f"the operating system cannot start the process of the run: {error.strerror}; "

@@ -10,14 +10,13 @@ from typing import Any
 
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState
 from inercal.host.journal import Journal
-from inercal.host.manual.axis_task import AxisTask
-from inercal.host.manual.command_check import LIMIT_MARGIN
+from inercal.host.manual.command_check import LIMIT_MARGIN, AxisTask
 from inercal.host.manual.session import ManualSession
 from inercal.host.web import page_messages
-from inercal.host.web.manual_request import ManualRequest
 from inercal.host.web.page_messages import axis_fields, rounded_number
-from inercal.host.web.publisher import Publisher
+from inercal.host.web.run_request import ManualRequest
 from inercal.host.web.telemetry import COARSE_RATE, FINE_RATE, MeanStream
+from inercal.host.web.worker_process import Publisher
 from inercal.runfile import Run
 
 # rad from a soft limit at which its lamp is lit: where a jog toward it ends

@@ -7,8 +7,7 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.basics.small_files import read_toml
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
-from inercal.host.web.manual_request import MANUAL_JOURNAL
-from inercal.host.web.run_request import run_in_progress
+from inercal.host.web.run_request import MANUAL_JOURNAL, run_in_progress
 from inercal.laboratory.store import Register
 
 UNREADABLE = "unreadable"  # of a run whose journal cannot be read

@@ -16,7 +16,7 @@ from inercal.host.bench_run import BenchRun
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.web import page_messages
-from inercal.host.web.publisher import Publisher
+from inercal.host.web.worker_process import Publisher
 from inercal.runfile import Run
 
 UPDATE_INTERVAL = 0.1  # s of the wall's between two looks at the run
