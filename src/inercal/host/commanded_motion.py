@@ -126,7 +126,7 @@ class CommandedMotion:
         assert told.since is not None
         if told.does in ("rest", "spin") or time - told.since < _STARTING_TIME:
             return
-        rests = axis.settled or (not axis.moving and abs(axis.rate) < REST_RATE)
+        rests = axis.settled or axis.rests
         if told.does == "home":
             rests = axis.homed and axis.settled
         elif told.does == "move":  # elsewhere it may be late to start

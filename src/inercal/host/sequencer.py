@@ -21,6 +21,7 @@ from inercal.host.task_sequencer import (
     EnableCommand,
     HomeCommand,
     MoveCommand,
+    Phase,
     TaskSequencer,
 )
 
@@ -100,17 +101,11 @@ class Sequencer(TaskSequencer[TurnTask]):
         return True
 
     def _advance_phase(self, time: float) -> None:
-        if self.phase == "enable":
-            self._enter_phase("home")
-        elif self.phase == "home":
-            self._enter_phase("approach" if self.task else "return")
-        elif self.phase == "approach":
-            self._enter_phase("work")
-        elif self.phase == "work":
+        if self.phase == "work":
             self._finish_section(self._tasks[self.number], time)
-            self._enter_phase("approach" if self.task else "return")
-        else:
-            self._enter_phase("done")
+        next_task = "approach" if self.task else "return"
+        following: dict[Phase, Phase] = {"enable": "home", "approach": "work", "return": "done"}
+        self._enter_phase(following.get(self.phase, next_task))
 
     def _has_moved(self, task: TurnTask, seen: TableState) -> bool:
         """Tell whether an axis leaves its place by this reading; by the second in a row, refuse.

@@ -24,7 +24,7 @@ from typing import Literal, NamedTuple
 
 from inercal.benches.motion_control import AxisMotionLimits, SpinTask
 from inercal.host.clock import Clock
-from inercal.host.drivers.rotary_table import REST_RATE, AxisState, TableState
+from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.journal import Journal
 from inercal.host.task_sequencer import (
     DURATION_MARGIN,
@@ -85,12 +85,12 @@ class SpinSequencer(TaskSequencer[SpinTask]):
             return [] if _is_ready(axis) else [EnableCommand()], GRACE
         braking = DURATION_MARGIN * abs(axis.rate) / limits.acceleration + GRACE
         if self.phase in ("mount", "return"):
-            return ([] if _rests(axis) else [StopCommand()]), braking
+            return ([] if axis.rests else [StopCommand()]), braking
         task = self._tasks[self.number]
         if self.phase == "approach":
             self._steady_since = inf
             if not task.rate:
-                return ([] if _rests(axis) else [StopCommand()]), braking + _STEADY_TIME
+                return ([] if axis.rests else [StopCommand()]), braking + _STEADY_TIME
             change = abs(task.rate - axis.rate) / limits.acceleration
             spin = SpinCommand(0, task.rate, limits.acceleration)
             return [spin], DURATION_MARGIN * change + GRACE + _STEADY_TIME
@@ -102,10 +102,10 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         if self.phase == "enable":
             return _is_ready(axis)
         if self.phase == "return":
-            return _rests(axis)
+            return axis.rests
         task = self._tasks[self.number]
         if self.phase == "mount":
-            self._is_waiting = _rests(axis)
+            self._is_waiting = axis.rests
             if self._is_waiting:
                 # An operator takes the time that mounting needs.
                 self._time_limit = inf
@@ -125,20 +125,13 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         self._is_waiting = False
 
     def _advance_phase(self, time: float) -> None:
-        if self.phase == "mount":
-            self._enter_phase("approach")
-        elif self.phase == "approach":
-            self._enter_phase("work")
-        elif self.phase == "return":
-            self._enter_phase("done")
-        else:
-            if self.phase == "work":
-                self._finish_section(self._tasks[self.number], time)
-            task = self.task
-            if task is None:
-                self._enter_phase("return")
-            else:
-                self._enter_phase("approach" if task.mounting == self.mounting else "mount")
+        if self.phase == "work":
+            self._finish_section(self._tasks[self.number], time)
+        next_task: Phase = "return"
+        if task := self.task:
+            next_task = "approach" if task.mounting == self.mounting else "mount"
+        following: dict[Phase, Phase] = {"mount": "approach", "approach": "work", "return": "done"}
+        self._enter_phase(following.get(self.phase, next_task))
 
     def _require_rate(self, axis: AxisState, task: SpinTask) -> None:
         """Refuse a rate that is not the set one by this reading and by the one before.
@@ -160,12 +153,8 @@ def _is_ready(axis: AxisState) -> bool:
     return axis.enabled and not axis.faults
 
 
-def _rests(axis: AxisState) -> bool:
-    return abs(axis.rate) < REST_RATE and not axis.moving
-
-
 def _turns_at(axis: AxisState, rate: float, share: float) -> bool:
-    return abs(axis.rate - rate) <= share * abs(rate) if rate else _rests(axis)
+    return abs(axis.rate - rate) <= share * abs(rate) if rate else axis.rests
 
 
 _NUMBERS = 1 << 48  # of requests; JavaScript has whole numbers below 2⁵³

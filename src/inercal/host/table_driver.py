@@ -12,7 +12,6 @@ from typing import Literal
 
 from inercal.host.commanded_motion import CommandedMotion
 from inercal.host.drivers.rotary_table import (
-    REST_RATE,
     ProtocolError,
     RotaryTable,
     TableFault,
@@ -116,9 +115,7 @@ class TableDriver:
             state = replace(state, time=time)  # a controller that tells none
         self.state = state
         # One that was told to go may not say so yet.
-        self.at_rest = not self._commanded and all(
-            abs(axis.rate) < REST_RATE and not axis.moving for axis in state.axes
-        )
+        self.at_rest = not self._commanded and all(axis.rests for axis in state.axes)
         self._may_turn = not self.at_rest
         return time, state
 

@@ -106,6 +106,11 @@ class AxisState:
         return self.in_position and not self.moving
 
     @property
+    def rests(self) -> bool:
+        """It neither turns nor is commanded to."""
+        return abs(self.rate) < REST_RATE and not self.moving
+
+    @property
     def status_text(self) -> str:
         """What it does, for an operator: its faults, else "off", "turns" or "holds"."""
         if self.faults:

@@ -142,11 +142,11 @@ class AccessMiddleware:
             self._require_allowed(scope, headers)
             answer, body = self._token_refusal(scope, headers), b""
             if answer is None and scope["method"] != "GET":
-                body = await self._bodies.read(_client_host(scope), headers, receive)
+                body = await self._bodies.read(client_host(scope), headers, receive)
             app = answer or self._token_answer(scope, body) or app
         except RequestRefused as refused:
             words = f"{scope['method']} {scope['path']}: {refused.words}"
-            self._refusals(_client_host(scope), words)
+            self._refusals(client_host(scope), words)
             app = PlainTextResponse(f"{refused.words}\n", refused.status)
             body = b""
         await app(scope, _replay_body(body, receive), closing)
@@ -164,7 +164,7 @@ class AccessMiddleware:
         if words is None:
             await self._app(scope, receive, send)
             return
-        self._refusals(_client_host(scope), f"websocket {scope['path']}: {words}")
+        self._refusals(client_host(scope), f"websocket {scope['path']}: {words}")
         await receive()
         await send({"type": "websocket.close"})
 
@@ -183,7 +183,7 @@ class AccessMiddleware:
 
     def _token_refusal(self, scope: Scope, headers: Headers) -> Response | None:
         """Return the answer to who has not shown the token, or may not; None for all else."""
-        who = _client_host(scope)
+        who = client_host(scope)
         if self._shows_token(scope):
             if self._access.may_try_token(who):
                 return None
@@ -207,7 +207,7 @@ class AccessMiddleware:
         if not self._shows_token(scope):
             return None
         given = _form_field(body if scope["method"] == "POST" else scope["query_string"], "token")
-        who = _client_host(scope)
+        who = client_host(scope)
         if given is None or not self._access.accepts_token(given, who):
             self._refusals(who, "a wrong token")
             return _token_form("That is not the token.")
@@ -257,6 +257,7 @@ def _form_field(query: bytes, name: str) -> str | None:
     return fields.get(name, [None])[0]
 
 
-def _client_host(scope: Mapping[str, Any]) -> str:
+def client_host(scope: Mapping[str, Any]) -> str:
+    """Return the address of who asks."""
     client = scope.get("client")
     return client[0] if client else "somebody"

@@ -2,18 +2,14 @@
 
 import asyncio
 import json
-import shutil
-import signal
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from datetime import datetime
-from os import kill
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
-from inercal.host.run_log import is_locked
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.host.web.command_relay import NOTE, mounted_line
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
@@ -22,13 +18,11 @@ from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_c
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
     HALT,
-    PROCESS_RECORD,
     ManualRequest,
     ProcessRequest,
     RunRequest,
     manual_line,
     premature_end_message,
-    read_process_record,
 )
 from inercal.host.web.runs import Runs, StoredRun
 from inercal.host.web.viewers import (
@@ -81,7 +75,7 @@ class Hub:
         choice: DeviceCatalogue,
         register: str | None = None,
         options: RunOptions = DEFAULT_OPTIONS,
-        start: Callable[[ProcessRequest], RunProcess] = RunProcess,
+        start: Callable[[Any], RunProcess] = RunProcess,
     ):
         self.probe_lock = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
@@ -242,7 +236,7 @@ class Hub:
         # All journals are opened to find it: meanwhile the loop hears others, their stop too. The
         # thread is its own: others may wait for a register.
         loop = asyncio.get_running_loop()
-        await loop.run_in_executor(self._stop_executor, self._stop_external_run, name)
+        await loop.run_in_executor(self._stop_executor, self.runs.stop, name)
 
     async def require_no_active_run(self) -> Mapping[str, StoredRun]:
         """Return the runs there are.
@@ -274,39 +268,33 @@ class Hub:
         if self._relay_task is not None:
             await asyncio.wait([self._relay_task], timeout=patience)
 
-    def _stop_external_run(self, name: object) -> None:
-        """Have a run stopped that is not shown."""
-        there = [one for one in self.runs.active_folders() if name in (None, one.name)]
-        if not there:
-            raise InputError("there is no active run to stop; reload the page to see all runs")
-        reached = [_interrupt_process(one) for one in there]
-        if not all(reached):
+    async def _choose(self, asked: JsonObject) -> tuple[ChosenDevices, Plan]:
+        """Return the devices and the plan of a request, once nothing else is active."""
+        chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
+        plan = await asyncio.to_thread(self.plans.get, asked.get("plan"))
+        await self._require_idle()
+        if plan is None:
             raise InputError(
-                "this page cannot stop the run: a terminal controls it; stop it there, or press "
-                "the emergency stop"
+                f"this server has no plan {asked.get('plan')!r}; reload the page and choose from "
+                "its list"
             )
+        if plan.summary["trouble"]:
+            raise InputError(plan.summary["trouble"])
+        return chosen, plan
 
     async def _start_run(self, asked: JsonObject) -> None:
         """Begin a run as asked."""
-        chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
-        plans = await asyncio.to_thread(self.plans.all)
-        await self._require_idle()
-        plan = _chosen_plan(plans, asked.get("plan"))
+        chosen, plan = await self._choose(asked)
         await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
-        _require_room(self.runs.folder, plan.summary["bytes"])
+        self.runs.require_room(plan.summary["bytes"])
         self._launch(
-            self._run_request(
-                _new_run_folder(self.runs.folder, plan.path.stem), chosen, asked, plan.path
-            )
+            self._run_request(self.runs.new_folder(plan.path.stem), chosen, asked, plan.path)
         )
 
     async def _begin_manual(self, asked: JsonObject) -> None:
         """Begin to operate the table by hand, within the limits of a plan's [bench]."""
-        chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
-        plans = await asyncio.to_thread(self.plans.all)
-        await self._require_idle()
-        plan = _chosen_plan(plans, asked.get("plan"))
-        folder = _new_run_folder(self.runs.folder, "manual")
+        chosen, plan = await self._choose(asked)
+        folder = self.runs.new_folder("manual")
         with_imu = asked.get("with_imu") is True
         table, imu, clock, simulated = chosen
         order = ManualRequest(
@@ -411,61 +399,6 @@ class Hub:
             operator = people.operator
             text = _message_text("people", viewers=count, operator=operator, yours=yours)
             viewer.send("people", text)
-
-
-def _interrupt_process(folder: Path) -> bool:
-    """Have the process of a page's run in a folder stop it; False where there is none."""
-    # A note that nobody has locked is an old one, its process another's by now.
-    was = read_process_record(folder) if is_locked(folder / PROCESS_RECORD) else None
-    if was is None:
-        return False
-    try:
-        kill(was.process, signal.SIGINT)
-    except ProcessLookupError:
-        pass  # it has ended meanwhile
-    except PermissionError:
-        return False
-    return True
-
-
-def _chosen_plan(plans: Mapping[str, Plan], name: object) -> Plan:
-    """Return the plan of a name; refuse one that does not exist or cannot be used."""
-    plan = plans.get(name) if isinstance(name, str) else None
-    if plan is None:
-        raise InputError(
-            f"this server has no plan {name!r}; reload the page and choose from its list"
-        )
-    if plan.summary["trouble"]:
-        raise InputError(plan.summary["trouble"])
-    return plan
-
-
-def _new_run_folder(runs: Path, stem: str) -> Path:
-    """Return a new name for a folder."""
-    name = f"{stem}-{datetime.now():%Y%m%d-%H%M%S}"
-    result, count = runs / name, 1
-    while result.exists():
-        count += 1
-        result = runs / f"{name}-{count}"
-    return result
-
-
-def free_space(folder: Path) -> int:
-    """Return the bytes that are free on the disk of a folder; 0 where the folder is gone."""
-    try:
-        return shutil.disk_usage(folder).free
-    except OSError:
-        return 0
-
-
-def _require_room(folder: Path, needed: int) -> None:
-    """Refuse a run that the disk has no room for: it would end when the disk is full."""
-    if (free := free_space(folder)) < needed:
-        raise InputError(
-            f"{folder}: the run needs about {needed / 1e6:.0f} MB, and {free / 1e6:.0f} MB are "
-            "free: make room, or serve another folder by --runs",
-            file=folder,
-        )
 
 
 def _printable_line(text: object, most: int) -> str | None:

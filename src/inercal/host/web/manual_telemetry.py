@@ -12,10 +12,14 @@ from inercal.host.drivers.rotary_table import AxisLimits, AxisState
 from inercal.host.journal import Journal
 from inercal.host.manual.command_check import LIMIT_MARGIN, AxisTask
 from inercal.host.manual.session import ManualSession
-from inercal.host.web import page_messages
-from inercal.host.web.page_messages import axis_fields, rounded_number
+from inercal.host.web.page_messages import (
+    axis_fields,
+    channel_fields,
+    imu_fields,
+    rounded_number,
+)
 from inercal.host.web.run_request import ManualRequest
-from inercal.host.web.telemetry import COARSE_RATE, FINE_RATE, MeanStream
+from inercal.host.web.telemetry import Telemetry
 from inercal.host.web.worker_process import Publisher
 from inercal.runfile import Run
 
@@ -23,7 +27,7 @@ from inercal.runfile import Run
 _LAMP_MARGIN = LIMIT_MARGIN + radians(0.02)
 
 
-class ManualTelemetry:
+class ManualTelemetry(Telemetry):
     """Tells of one session; called with it now and then.
 
     Parameters
@@ -35,28 +39,18 @@ class ManualTelemetry:
     """
 
     def __init__(self, order: ManualRequest, run: Run, publisher: Publisher, journal: Journal):
+        super().__init__(publisher, journal)
         self._order, self._run = order, run
-        self._publisher, self._journal = publisher, journal
-        self._published_events = 0
-        self._streams = {"coarse": MeanStream(COARSE_RATE), "samples": MeanStream(FINE_RATE)}
 
     def __call__(self, session: ManualSession) -> None:
         """Tell what is new."""
         self.publish_events()
-        received = session.imu.take_received() if session.imu is not None else None
-        if received is not None:
-            for kind, stream in self._streams.items():
-                if (means := stream.take(*received)) is not None:
-                    self._publisher.publish(kind, **page_messages.samples_message(*means))
+        self._publish_samples(session.imu.take_received() if session.imu is not None else None)
         self._publisher.publish("state", **_state_message(session))
 
     def publish_plan(self, session: ManualSession) -> None:
         """Tell what is operated, within which limits."""
         order, sensor = self._order, self._run.sensor
-        channels = [
-            {"name": axis.name, "measures": axis.measures, "unit": axis.readout.unit}
-            for axis in (sensor.axes if session.imu is not None else ())
-        ]
         self._publisher.publish(
             "plan",
             run=order.name,
@@ -65,7 +59,7 @@ class ManualTelemetry:
             simulated=order.simulated is not None or bool(order.clock),
             seconds=0.0,
             axes=list(session.axes),
-            channels=channels,
+            channels=channel_fields(sensor.axes if session.imu is not None else ()),
             steps=[],
             coefficients=[],
             manual={
@@ -73,12 +67,6 @@ class ManualTelemetry:
                 "unsupported": dict(session.unsupported),
             },
         )
-
-    def publish_events(self) -> None:
-        """Tell what the journal has heard."""
-        for event in self._journal.events(self._published_events):
-            self._published_events += 1
-            self._publisher.publish("event", n=self._published_events, **event._asdict())
 
 
 def _state_message(session: ManualSession) -> dict[str, Any]:
@@ -93,29 +81,14 @@ def _state_message(session: ManualSession) -> dict[str, Any]:
         "remaining": None,
         "speed": 1.0,
         "table": None if state is None else {"axes": [axis_fields(axis) for axis in axes]},
-        "imu": _imu_fields(session),
+        # No sample is kept; most have no angle, before the axes are homed.
+        "imu": None if session.imu is None else imu_fields(session.imu.tally.bytes),
         "live": "none",
         "attitude": None,
         "manual": [
             _manual_fields(axis, limits, task)
             for axis, limits, task in zip(axes, session.limits, session.tasks, strict=False)
         ],
-    }
-
-
-def _imu_fields(session: ManualSession) -> dict[str, Any] | None:
-    if session.imu is None:
-        return None
-    counts = session.imu.tally.bytes
-    return {
-        "packets": counts.packets,
-        "lost": counts.lost,
-        "failed": counts.failed,
-        "thrown": counts.discarded,
-        # No sample is kept; most have no angle, before the axes are homed.
-        "samples": None,
-        "no_angle": None,
-        "temperature": None,
     }
 
 

@@ -62,6 +62,10 @@ class Plans:
                 result[name] = plan
         return result
 
+    def get(self, name: object) -> Plan | None:
+        """Return the plan of a name; None where there is none."""
+        return self.all().get(name) if isinstance(name, str) else None
+
     def _plan(self, name: str, path: Path) -> Plan | None:
         try:
             status = path.stat()

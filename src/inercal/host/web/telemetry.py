@@ -27,7 +27,36 @@ _INNOVATION_WINDOW = 30.0  # s of the recording over which innovations are judge
 _MAX_EVENTS = 500  # of a run that goes on after an interruption
 
 
-class RunTelemetry:
+class Telemetry:
+    """Tells the page what the journal has heard and what the IMU has sent.
+
+    Parameters
+    ----------
+    publisher : Publisher
+    journal : Journal
+    published_events : int
+        That are told already, or are too old to be told.
+    """
+
+    def __init__(self, publisher: Publisher, journal: Journal, published_events: int = 0):
+        self._publisher, self._journal = publisher, journal
+        self._published_events = published_events
+        self._streams = {"coarse": MeanStream(COARSE_RATE), "samples": MeanStream(FINE_RATE)}
+
+    def publish_events(self) -> None:
+        """Tell what the journal has heard."""
+        for event in self._journal.events(self._published_events):
+            self._published_events += 1
+            self._publisher.publish("event", n=self._published_events, **event._asdict())
+
+    def _publish_samples(self, received: tuple[Array, Array] | None) -> None:
+        if received is not None:
+            for kind, stream in self._streams.items():
+                if (means := stream.take(*received)) is not None:
+                    self._publisher.publish(kind, **page_messages.samples_message(*means))
+
+
+class RunTelemetry(Telemetry):
     """Tells of one run; called with it now and then. All times are s of the run.
 
     Parameters
@@ -39,15 +68,10 @@ class RunTelemetry:
     """
 
     def __init__(self, publisher: Publisher, run: Run, journal: Journal):
-        self._publisher, self._plan, self._journal = publisher, run, journal
-        sensor = run.sensor
+        super().__init__(publisher, journal, max(0, len(journal.events()) - _MAX_EVENTS))
+        self._plan, sensor = run, run.sensor
         self._unit_sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
-        self._published_events = max(0, len(journal.events()) - _MAX_EVENTS)
         self._angles: Array | None = None
-        self._streams = {
-            "coarse": MeanStream(COARSE_RATE),
-            "samples": MeanStream(FINE_RATE),
-        }
         self._estimates_published_at = monotonic()
         self._estimates_time: float = nan
         self._innovations: deque[tuple[float, dict[str, tuple[float, int]]]] = deque()
@@ -60,11 +84,7 @@ class RunTelemetry:
             angles = recorder.blocks.popleft().angles[-1]
             if np.isfinite(angles).all():
                 self._angles = angles
-        received = recorder.assembly.take_received()
-        if received is not None:
-            for kind, stream in self._streams.items():
-                if (means := stream.take(*received)) is not None:
-                    self._publisher.publish(kind, **page_messages.samples_message(*means))
+        self._publish_samples(recorder.assembly.take_received())
         live, start = recorder.live_estimator, recorder.assembly.recording_start
         if live is not None and live.has_estimate and start is not None:
             self._record_innovations(live)
@@ -76,12 +96,6 @@ class RunTelemetry:
         self._publisher.publish(
             "state", **page_messages.state_message(run, self._plan, self._angles)
         )
-
-    def publish_events(self) -> None:
-        """Tell what the journal has heard."""
-        for event in self._journal.events(self._published_events):
-            self._published_events += 1
-            self._publisher.publish("event", n=self._published_events, **event._asdict())
 
     def _record_innovations(self, live: LiveEstimator) -> None:
         """Keep how large innovations were, over a window."""

@@ -61,6 +61,7 @@ class RunController:
     def __init__(self, order: RunRequest, publisher: Publisher, control: CommandRelay):
         self._order, self._publisher, self._control = order, publisher, control
         self._folder = Path(order.folder)
+        self._by = order.requested_by or "an operator without a name"
         self._activity: AbstractContextManager[None] = nullcontext()
         self._compiled = False
 
@@ -88,8 +89,7 @@ class RunController:
                 if self._order.filter and self._order.plan is not None:
                     journal.record_event("info", self._filter_text(self._order.filter))
                 if self._order.ambient is not None and self._order.plan is not None:
-                    by = self._order.requested_by or "an operator without a name"
-                    words = f"{by}: the ambient temperature is {self._order.ambient:g} °C"
+                    words = f"{self._by}: the ambient temperature is {self._order.ambient:g} °C"
                     journal.record_event(NOTE_LEVEL, words)
                 ending = _RunFinalizer(self._order, result, journal)
                 teller = RunTelemetry(self._publisher, result.run, journal)
@@ -188,15 +188,12 @@ class RunController:
         self._publisher.publish("phase", run=self._order.name, words=words)
 
     def _filter_text(self, changes: Mapping[str, str]) -> str:
-        by = self._order.requested_by or "an operator without a name"
         listed = "; ".join(f"{key} {text or 'as by default'}" for key, text in changes.items())
-        return f"{by} has set on the page: {listed}"
+        return f"{self._by} has set on the page: {listed}"
 
     def _start_text(self, bench: SimulationRequest | None) -> str:
         what = "begun" if self._order.plan is not None else "resumed"
-        words = (
-            f"{what} from the page by {self._order.requested_by or 'an operator without a name'}"
-        )
+        words = f"{what} from the page by {self._by}"
         return words if bench is None else f"{words}; simulated bench, seed {bench.seed}"
 
 
