@@ -12,9 +12,8 @@ from inercal.basics.errors import InercalError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
 from inercal.host.web import worker
-from inercal.host.web.command_relay import CommandRelay
 from inercal.host.web.run_request import RunRequest, premature_end_message
-from inercal.host.web.worker import RunController
+from inercal.host.web.worker import CommandRelay, RunController
 from inercal.host.web.worker_process import Publisher
 
 NOBODY = "127.0.0.1:1"

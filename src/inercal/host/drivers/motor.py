@@ -127,8 +127,7 @@ class Motor(Closeable):
         if said.startswith("?"):
             raise TableFault(
                 f"{self._dialogue.address}: the motor controller refused {line!r}: it replied "
-                f"{said!r}; "
-                "look the code up in the manual of the drive"
+                f"{said!r}; look the code up in the manual of the drive"
             )
         return said
 
@@ -137,7 +136,6 @@ class Motor(Closeable):
         if not _NUMBER.fullmatch(said):
             raise ProtocolError(
                 f"{self._dialogue.address}: the motor controller replied {said[:40]!r} to "
-                f"{line!r}, where "
-                "a number was expected; check the baud rate and the drive"
+                f"{line!r}, where a number was expected; check the baud rate and the drive"
             )
         return float(said)

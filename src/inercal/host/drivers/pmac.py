@@ -96,8 +96,7 @@ class Pmac(Closeable):
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
                 raise InputError(
                     f"axis {axis.name}: the motor number must be 1 to 32, is {axis.motor}, and "
-                    "the counts "
-                    f"per turn finite and not 0, are {axis.counts_per_turn:g}",
+                    f"the counts per turn finite and not 0, are {axis.counts_per_turn:g}",
                     names=(axis.name,),
                 )
         motors = [a.motor for a in self._axes]

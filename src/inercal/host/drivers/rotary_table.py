@@ -227,8 +227,7 @@ def require_unique_names(axes: tuple[str, ...]) -> None:
     if not axes or len(set(axes)) < len(axes):
         raise InputError(
             f"the axes of the table are {', '.join(axes) or 'none'}; give at least one, each with "
-            "its "
-            "own name",
+            "its own name",
             names=axes,
         )
 

@@ -20,8 +20,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from inercal.basics.errors import InercalError
 from inercal.host.packets import PRESETS, read_layout
-from inercal.host.web.access import Access
-from inercal.host.web.access_middleware import AccessMiddleware, client_host
+from inercal.host.web.access import Access, AccessMiddleware, client_host
 from inercal.host.web.device_catalogue import probe_devices
 from inercal.host.web.hub import Hub
 from inercal.host.web.json_objects import parse_object

@@ -88,8 +88,7 @@ class DeviceCatalogue:
         if any(simulated):
             raise InputError(
                 "one device is simulated and one is real; choose table and IMU both simulated or "
-                "both "
-                "real",
+                "both real",
                 names=("table", "IMU"),
             )
         clock = (

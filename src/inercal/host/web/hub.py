@@ -11,17 +11,18 @@ from zlib import crc32
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
-from inercal.host.web.command_relay import NOTE, mounted_line
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import JsonObject, as_object
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
     HALT,
+    NOTE,
     ManualRequest,
     ProcessRequest,
     RunRequest,
     manual_line,
+    mounted_line,
     premature_end_message,
 )
 from inercal.host.web.runs import Runs, StoredRun

@@ -19,19 +19,19 @@ from inercal.host.journal import Journal
 from inercal.host.manual.commands import HaltCommand
 from inercal.host.manual.session import ManualSession
 from inercal.host.run_log import os_errors_as_input_errors
-from inercal.host.web.command_relay import NOTE
-from inercal.host.web.manual_telemetry import ManualTelemetry
 from inercal.host.web.run_request import (
     END,
     HALT,
     MANUAL,
     MANUAL_JOURNAL,
+    NOTE,
     ManualRequest,
     SimulationRequest,
     end_message,
     parse_manual_line,
     write_process_record,
 )
+from inercal.host.web.telemetry import ManualTelemetry
 from inercal.host.web.worker_process import LineReader, Publisher, serve_request
 from inercal.runfile import read
 

@@ -24,7 +24,8 @@ from inercal.runfile.filter_fields import changed_section
 
 PROCESS_RECORD = "run.page.json"
 MANUAL_JOURNAL = "manual.journal"
-MANUAL, HALT, END = "manual ", "halt ", "abort"  # begin a line to the process of a session
+# Lines to the process begin so; MANUAL and HALT to that of a session, MOUNTED to that of a run.
+NOTE, MOUNTED, MANUAL, HALT, END = "note ", "mounted ", "manual ", "halt ", "abort"
 EndMessage = dict[str, Any]
 
 
@@ -215,6 +216,11 @@ class ManualRequest(ProcessRequest):
     def loss_text(self) -> str:
         """As of `ProcessRequest`."""
         return "; the watchdog brings the table to rest"
+
+
+def mounted_line(number: int, mounting: str, by: str) -> str:
+    """Return the line by which somebody confirms a mounting for the request `number`."""
+    return f"{MOUNTED}{json.dumps([number, mounting, by])}"
 
 
 def manual_line(by: str, command: ManualCommand) -> str:

@@ -160,19 +160,14 @@ class Viewer:
             self._mark, self._marked_at = self._mark + 1, monotonic()
             return f'{{"kind": "mark", "n": {self._mark}}}'
         # By turns: on a slow link the latest alone would leave no room for what was before.
-        lanes = self._latest_state, self._take_bulk, self._latest_estimates, self._take_bulk
+        lanes = "state", "", "estimates", ""
         for _ in lanes:
-            lane = lanes[self._turn]
+            kind = lanes[self._turn]
             self._turn = (self._turn + 1) % len(lanes)
-            if (text := lane()) is not None:
+            text = self._latest.pop(kind, None) if kind else self._take_bulk()
+            if text is not None:
                 return text
         return None
-
-    def _latest_state(self) -> str | None:
-        return self._latest.pop("state", None)
-
-    def _latest_estimates(self) -> str | None:
-        return self._latest.pop("estimates", None)
 
     def _take_bulk(self) -> str | None:
         """Return the next of news, else of samples or history by turns; a slow link takes means."""

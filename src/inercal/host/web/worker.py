@@ -6,13 +6,15 @@ nobody reads what it tells. SIGINT and SIGTERM stop the table, by the watchdog t
 moves they end the process, and once all is done they are too late.
 """
 
+import json
 import os
 import sys
 from collections.abc import Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from time import sleep
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import quote
 
 from inercal.basics.errors import InercalError
@@ -29,8 +31,9 @@ from inercal.host.run_execution import RunInterrupted, execute_run, finish_run
 from inercal.host.run_folder import JOURNAL, LOG, RunFolder, create_run, reopen_run
 from inercal.host.run_log import read_frames
 from inercal.host.web import page_messages
-from inercal.host.web.command_relay import CommandRelay
 from inercal.host.web.run_request import (
+    MOUNTED,
+    NOTE,
     PROCESS_RECORD,
     EndMessage,
     RunRequest,
@@ -46,6 +49,73 @@ from inercal.laboratory.store import Register
 from inercal.runfile import Run, read
 
 _TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of a simulated bench
+_RunCommand = Literal["pause", "go on", "stop"]
+_COMMANDS: dict[str, _RunCommand] = {
+    "pause": "pause",
+    "go on": "go on",
+    "abort": "stop",
+}
+
+
+class CommandRelay:
+    """Hands on what is asked to the run, once there is one.
+
+    Attributes
+    ----------
+    interruptible : bool
+        A signal ends the process: nothing moves yet, and nothing is written.
+    """
+
+    def __init__(self):
+        self.interruptible = True
+        self._run: BenchRun | None = None
+        self._queue: SimpleQueue[_RunCommand] = SimpleQueue()
+        self._notes: SimpleQueue[str] = SimpleQueue()
+
+    def command(self, words: str) -> None:
+        """Do what `pause`, `go on`, `abort`, a note or `mounted` say, from whichever thread."""
+        if words.startswith(NOTE):
+            self._notes.put(words.removeprefix(NOTE))
+        if words.startswith(MOUNTED) and self._run is not None:
+            self._run.confirm_mounting(*json.loads(words.removeprefix(MOUNTED)))
+        if (what := _COMMANDS.get(words)) is None:
+            return
+        self._queue.put(what)
+        self._forward_commands()
+
+    def take_notes(self) -> list[str]:
+        """Return the notes since the last call, for the thread that has the journal."""
+        notes: list[str] = []
+        with suppress(Empty):
+            while True:
+                notes.append(self._notes.get_nowait())
+        return notes
+
+    def attach(self, run: BenchRun) -> None:
+        """Have a run hear from now on, of signals too until it catches them itself."""
+        self._run, self.interruptible = run, False
+        self._forward_commands()
+
+    def interrupt(self, *_: object) -> None:
+        """Hear a signal that the run does not catch itself, and ask the run, if any, to stop.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Where that harms nothing.
+        """
+        if self.interruptible:
+            raise KeyboardInterrupt
+        if self._run is not None:
+            # A SimpleQueue: this does not wait, whatever the signal interrupts.
+            self._run.request("stop")
+
+    def _forward_commands(self) -> None:
+        if self._run is None:
+            return
+        with suppress(Empty):  # two threads hand on: what one of them sees, the other may have
+            while True:
+                self._run.request(self._queue.get_nowait())
 
 
 class RunController:
