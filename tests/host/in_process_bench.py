@@ -124,9 +124,10 @@ class InProcessBench:
             monkeypatch.setattr(module, "monotonic", self.monotonic)
         monkeypatch.setattr("time.time", self.utc)
         monkeypatch.setattr(clock, "sleep", self.advance)
-        monkeypatch.setattr(
-            bench_run, "read_host_uptime", lambda: HostUptime(self.boot, 1000.0 + self.time)
-        )
+        for module in (bench_run, recorder):
+            monkeypatch.setattr(
+                module, "read_host_uptime", lambda: HostUptime(self.boot, 1000.0 + self.time)
+            )
         monkeypatch.setattr(bench_run, "TableLock", lambda *_: nullcontext())
         monkeypatch.setattr(bench_run, "Guard", lambda *_, **__: ReplacedGuard(self))
         monkeypatch.setattr(bench_run, "open_table", lambda *_: self.table())

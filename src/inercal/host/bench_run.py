@@ -15,7 +15,7 @@ its own with its own connection. Both are software; the hardware interlock is th
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from math import degrees, inf, isfinite
+from math import degrees, inf
 from time import monotonic, sleep
 from typing import Literal, Self
 
@@ -35,14 +35,15 @@ from inercal.host.clock import (
     SimulatedClock,
     read_host_uptime,
 )
-from inercal.host.drivers.rotary_table import RotaryTable, TableFault, TableState
+from inercal.host.drivers.rotary_table import TableFault, TableState
 from inercal.host.guard import Guard
 from inercal.host.imu_port import ImuReceiver
 from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks, ReadbackWarnings
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
-from inercal.host.recorder import PIECE_MAX, LogEnd, RunRecorder
+from inercal.host.plan_check import require_feasible_plan
+from inercal.host.recorder import PIECE_MAX, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
 from inercal.host.sequencer import Sequencer
@@ -141,7 +142,7 @@ class BenchRun:
                 if plan.spins
                 else ReadingPlausibility(require_turntable(run))
             )
-            self._require_feasible_plan()
+            require_feasible_plan(self.tasks, self._table.limits, bench)
             patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self._interruptions = Interruptions(
@@ -230,7 +231,7 @@ class BenchRun:
                 self._clock.begin(self._next)
                 # The watchdog of a host that was killed may be stopping the table still.
                 self._wait_for_rest()
-                self._require_idle_table()
+                self._table_driver.require_idle()
                 # A device that has set its clock anew is reported before anything moves.
                 self._wait_for_dates()
                 self._begin_checks()
@@ -381,23 +382,6 @@ class BenchRun:
         if (words := self.recorder.assembly.imu_mismatch) is not None:
             self._interruptions.end(words)
 
-    def _require_idle_table(self) -> None:
-        """Refuse a table that turns before the run has commanded anything.
-
-        Raises
-        ------
-        TableFault
-            Its servo turns an axis.
-        """
-        state = None if self._table_driver.at_rest else self.state
-        for name, axis in zip(self.axes, state.axes if state is not None else (), strict=False):
-            if axis.enabled and axis.moving:
-                raise TableFault(
-                    f"axis {name} turns at {degrees(axis.rate):.3g} °/s before this run has "
-                    "commanded anything: another program commands the table; end it first",
-                    names=(name,),
-                )
-
     def _check_rest_with_gyros(self) -> None:
         """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
         self._process_pending()
@@ -451,7 +435,7 @@ class BenchRun:
     def _open_clock(self, addresses: DeviceAddresses) -> tuple[Clock, LastChecks]:
         """Return the bench's clock, and how often the interlocks must run by it."""
         if not addresses.clock:
-            start = _resumed_time(self.recorder.log_end, self._table)
+            start = self.recorder.log_end.resumed_time(self._table)
             return MonotonicClock(start), LastChecks()
         # A simulated bench waits for its host, who may work through seconds of it at once.
         ticks = 3 * HOLD_POLL_FACTOR * self._poll
@@ -474,19 +458,6 @@ class BenchRun:
 
     def _create_interlocks(self) -> Interlocks:
         return Interlocks(self._table.limits, self._bench, self.sensor, self._options.temperature)
-
-    def _require_feasible_plan(self) -> None:
-        """Refuse a plan that the controller would refuse, and limits that nothing is held to."""
-        held = self._bench.axis_motion_limits
-        for task in self.tasks:
-            if isinstance(task, SpinTask):
-                self._table.limits[0].check(self.axes[0], task.rate, held[0].acceleration)
-                continue
-            for name, most, of, *angles in zip(
-                self.axes, self._table.limits, held, task.start, task.end, strict=True
-            ):
-                for angle in angles:
-                    most.check(name, task.rate or of.rate, of.acceleration, angle)
 
     def _record_session(self) -> None:
         self._plausibility.restart()
@@ -529,23 +500,3 @@ def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | 
 
 def _show_nothing(run: BenchRun) -> None:
     """Show nothing."""
-
-
-def _resumed_time(end: LogEnd, table: RotaryTable) -> float:
-    """Return the run's time now, s: from the end of its log on, without a look at the date.
-
-    How long the run was without a host is told by the host's uptime; where the host has been
-    started anew, by the table's clock, up to one wrap of it; else it counts for nothing, and the
-    IMU's counter, which does not agree then, is reported.
-    """
-    now = read_host_uptime()
-    if end.session is not None and now is not None and end.session[1].boot == now.boot:
-        time, then = end.session
-        return max(end.time, time + now.seconds - then.seconds)
-    if end.poll is None or not isfinite(controller := table.read().time):
-        return end.time
-    time, before = end.poll
-    passed = controller - before
-    if isfinite(table.wrap_period):
-        passed %= table.wrap_period
-    return max(end.time, time + passed)

@@ -17,8 +17,9 @@ from inercal.basics.errors import InercalError
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly import SampleAssembler, SampleBlock
-from inercal.host.clock import HostUptime
+from inercal.host.clock import HostUptime, read_host_uptime
 from inercal.host.closeable import Closeable
+from inercal.host.drivers.rotary_table import RotaryTable
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator
 from inercal.host.packets import PacketLayout
@@ -54,6 +55,25 @@ class LogEnd(NamedTuple):
     time: float = 0.0
     poll: tuple[float, float] | None = None
     session: tuple[float, HostUptime] | None = None
+
+    def resumed_time(self, table: RotaryTable) -> float:
+        """Return the run's time now, s: from the end of its log on, without a look at the date.
+
+        How long the run was without a host is told by the host's uptime; where the host has been
+        started anew, by the table's clock, up to one wrap of it; else it counts for nothing, and
+        the IMU's counter, which does not agree then, is reported.
+        """
+        now = read_host_uptime()
+        if self.session is not None and now is not None and self.session[1].boot == now.boot:
+            time, then = self.session
+            return max(self.time, time + now.seconds - then.seconds)
+        if self.poll is None or not isfinite(controller := table.read().time):
+            return self.time
+        time, before = self.poll
+        passed = controller - before
+        if isfinite(table.wrap_period):
+            passed %= table.wrap_period
+        return max(self.time, time + passed)
 
 
 class RunRecorder(Closeable):

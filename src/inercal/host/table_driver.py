@@ -3,7 +3,8 @@
 Where the host cannot stop the table, the watchdog (`guard`) does.
 
 `CommandedMotion` notices motion that this program has not commanded. A lock keeps programs on one
-machine from one table; a program elsewhere, or a panel, is known by what the table does. Each axis is compared with the last command that it was given::
+machine from one table; a program elsewhere, or a panel, is known by what the table does. Each axis
+is compared with the last command that it was given::
 
     at rest               it leaves its angle by more than 0.5° (5° where an operator works at it)
     on its way to a goal  it turns away from the goal, or faster than commanded by a fifth
@@ -313,6 +314,23 @@ class TableDriver:
                     self._table.spin(self._table.axes[axis], rate, acceleration)
                 case _:
                     self._table.stop()
+
+    def require_idle(self) -> None:
+        """Refuse a table that turns before it was told anything.
+
+        Raises
+        ------
+        TableFault
+            Its servo turns an axis.
+        """
+        state = None if self.at_rest else self.state
+        for name, axis in zip(self._table.axes, state.axes if state else (), strict=False):
+            if axis.enabled and axis.moving:
+                raise TableFault(
+                    f"axis {name} turns at {degrees(axis.rate):.3g} °/s before this run has "
+                    "commanded anything: another program commands the table; end it first",
+                    names=(name,),
+                )
 
     def check_commanded(self, state: TableState, *, hands_on: bool = False) -> str | None:
         """Return in words which motion of a plausible reading nobody here has commanded, if any.
