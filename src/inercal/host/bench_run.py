@@ -22,6 +22,7 @@ from typing import Literal, Self
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError
+from inercal.benches.motion_control import SpinTask, TurnTask
 from inercal.benches.turntable import require_turntable
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
 from inercal.host.assembly.poll_record import CLOCK_LOST
@@ -52,7 +53,7 @@ from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
 from inercal.host.table_state_codec import pack_state
 from inercal.host.task_sequencer import Command
-from inercal.host.tasks import DEFAULT_OPTIONS, HostPlan, RunOptions, SpinTask, TurnTask, host_plan
+from inercal.host.tasks import DEFAULT_OPTIONS, HostPlan, RunOptions, host_plan
 
 SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
 _PACKET_TIMEOUT = 5.0  # s
@@ -127,7 +128,7 @@ class BenchRun:
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
             # What was sensed before was checked by the host of then, and may be mended since.
-            self._checked_from = self.recorder.assembly.last_reading_time
+            self._checked_from = self.recorder.assembly.table.last
             # Before the table hears anything: another run may be commanding it.
             opened.enter_context(TableLock(addresses.table, f"run {folder.path.resolve()}"))
             # A simulated table may wait for a machine that is busy.
@@ -194,7 +195,7 @@ class BenchRun:
     @property
     def needs_new_run(self) -> bool:
         """Resuming is of no use: the clocks of the devices can no longer be matched."""
-        return self._clocks_lost or self.recorder.assembly.imu_mismatch is not None
+        return self._clocks_lost or self.recorder.assembly.imu.mismatch is not None
 
     @property
     def mounting_request(self) -> MountingRequest | None:
@@ -245,9 +246,7 @@ class BenchRun:
             except InercalError as error:
                 self._interruptions.end(str(error))
         self._process_pending()
-        for warning in self._readback_warnings.finish(
-            self.recorder.assembly.recording_start or 0.0
-        ):
+        for warning in self._readback_warnings.find(self.recorder.assembly.recording_start or 0.0):
             self._say("warning", warning)
         self._end_time = monotonic()
         done = self.sequencer.phase == "done" and not self.trouble
@@ -376,10 +375,10 @@ class BenchRun:
         """See that the IMU's packets can be dated; end the run where they cannot."""
         self._process_pending()
         until = self.time + _DATING_TIMEOUT
-        while self.recorder.assembly.waits_for_dates and self.time < until:
+        while self.recorder.assembly.imu.waits_for_dates and self.time < until:
             self._tick()
             self._process_pending()
-        if (words := self.recorder.assembly.imu_mismatch) is not None:
+        if (words := self.recorder.assembly.imu.mismatch) is not None:
             self._interruptions.end(words)
 
     def _check_rest_with_gyros(self) -> None:
@@ -404,7 +403,7 @@ class BenchRun:
             self._clocks_lost = set(error.names) >= CLOCK_LOST
             self._interruptions.end(str(error))
             return
-        if (mismatch := self.recorder.assembly.imu_mismatch) is not None:
+        if (mismatch := self.recorder.assembly.imu.mismatch) is not None:
             self._imu.set_trouble(mismatch, self.time)
         packets = self.recorder.assembly.tally.bytes.packets
         if packets > self._packets[0] or not self._imu.is_receiving:
@@ -423,7 +422,7 @@ class BenchRun:
         fresh = block.track.slice(old, block.table.size).with_known_angles
         words = self._interlocks.check_gyros(fresh)
         begin = self.recorder.assembly.recording_start or 0.0
-        for warning in self._readback_warnings.feed(fresh, begin):
+        for warning in self._readback_warnings.find(begin, fresh):
             self._say("warning", warning)
         self._last_checks.record("gyros", self.time)
         if words is not None and not self._gyros_disagree:

@@ -309,24 +309,18 @@ class ReadbackWarnings:
             else None
         )
 
-    def feed(self, track: Track, begin: float) -> list[str]:
-        """Return warnings of the windows that these samples complete.
+    def find(self, begin: float, track: Track | None = None) -> list[str]:
+        """Return warnings of the windows that samples complete, or of the last samples.
 
         Parameters
         ----------
-        track : Track
-            Of one trial, with known angles; it follows the one before.
         begin : float
             s of the run when the track's time is 0.
+        track : Track, optional
+            Of one trial, with known angles; it follows the one before. None at the end.
         """
-        return [] if self._comparison is None else self._warnings(begin, track)
-
-    def finish(self, begin: float) -> list[str]:
-        """Return warnings of the last samples."""
-        return [] if self._comparison is None else self._warnings(begin)
-
-    def _warnings(self, begin: float, track: Track | None = None) -> list[str]:
-        assert self._comparison is not None
+        if self._comparison is None:
+            return []
         found = self._comparison.finish() if track is None else self._comparison.feed(track)
         result: list[str] = []
         for one in found:

@@ -26,6 +26,7 @@ from inercal.benches.turntable.attitude import earth_rate_level_frame, reference
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
 from inercal.host.assembly import SampleBlock
+from inercal.host.tasks import required_rate
 from inercal.methods import METHODS, PartialEstimate
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable.small_matrices import copy_matrix
@@ -62,7 +63,7 @@ class LiveEstimator:
     """
 
     def __init__(self, run: Run):
-        begin, rate_hz = run.method.sequential, run.rate_hz
+        begin = run.method.sequential
         if begin is None:
             able = [name for name, one in METHODS.items() if one.sequential is not None]
             raise InputError(
@@ -72,12 +73,7 @@ class LiveEstimator:
                 key="[method] name",
                 names=(run.method.name,),
             )
-        if rate_hz is None:
-            raise InputError(
-                f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
-                file=run.path,
-                key="[data] rate",
-            )
+        rate_hz = required_rate(run)
         self.names, self.time = run.sensor.coefficients, nan
         self._indices: dict[tuple[str, ...], list[int]] = {}  # of names of parts
         self._start_estimator = partial(
@@ -119,6 +115,11 @@ class LiveEstimator:
             at = self._indices[one.names]
             self.values[at] = one.value
             self.std[at] = np.sqrt(np.diagonal(one.covariance))
+
+
+def is_whole_imu(sensor: Sensor) -> bool:
+    """Tell whether a sensor has triads of accelerometers and of gyros, as `Navigator` needs."""
+    return all(len(sensor.select_axes(kind).axes) == 3 for kind in ("f", "w"))
 
 
 class NavigationSolution(NamedTuple):

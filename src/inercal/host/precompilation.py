@@ -29,7 +29,7 @@ from inercal.estimation import Gaussian
 from inercal.host.assembly import SampleAssembler
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
-from inercal.host.live_estimator import Navigator
+from inercal.host.live_estimator import Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
@@ -44,7 +44,6 @@ _REST = 22.0  # s, longer than a sequential estimator should wait before it begi
 _POLL = 0.02  # s
 _CLOCKS_MATCHED = 7.0  # s, after which the clocks are tied to one another
 _SECOND_PIECE = 2.0  # s that follow in a piece of their own
-_TRIAD = 3
 _ROOM_TEMPERATURE = 298.15  # K
 _LAST_SAMPLES = 10  # samples of the rest that are followed by themselves
 
@@ -80,7 +79,7 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
     checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
     for track in tracks:
         checks.check_gyros(track)
-    if all(len(run.sensor.select_axes(kind).axes) == _TRIAD for kind in ("f", "w")):
+    if is_whole_imu(run.sensor):
         navigator = Navigator(run.sensor, table)
         for track in tracks:
             navigator.feed(track, np.zeros(len(run.sensor.coefficients)))

@@ -2,8 +2,9 @@
 
 from typing import Any, NamedTuple
 
+from inercal.basics.errors import InputError
 from inercal.benches.kinds import require_motion_control
-from inercal.benches.motion_control import ControlledBench, MotionControl, SpinTask, Task, TurnTask
+from inercal.benches.motion_control import ControlledBench, MotionControl, Task
 from inercal.runfile import Run
 
 
@@ -38,7 +39,15 @@ def host_plan(run: Run) -> HostPlan:
     return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)))
 
 
-__all__ = ["HostPlan", "SpinTask", "Task", "TurnTask", "host_plan"]
+def required_rate(run: Run) -> float:
+    """Return the sampling rate of a run file, Hz; raises `InputError` where it states none."""
+    if run.rate_hz is None:
+        raise InputError(
+            f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
+            file=run.path,
+            key="[data] rate",
+        )
+    return run.rate_hz
 
 
 class RunOptions(NamedTuple):

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from inercal.basics.errors import InputError
 from inercal.host.sim.dynamics import FAULTS, AxesMotion, SimulatedTable
+from inercal.host.sim.faults import unknown_fault
 
 
 class Controller:
@@ -43,12 +43,8 @@ class Controller:
             ):
                 self.table.fault(int(number) - 1, what, state != ["off"])
             case _:
-                raise InputError(
-                    f"{words!r} is not a fault; possible: {', '.join(FAULTS)}, then an axis from "
-                    f"1 to {count}, then on or off",
-                    key="fault",
-                    names=(words,),
-                )
+                axes = f"then an axis from 1 to {count}, then on or off"
+                raise unknown_fault(words, f"{', '.join(FAULTS)}, {axes}")
 
 
 class LineSession:

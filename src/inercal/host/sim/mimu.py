@@ -39,7 +39,7 @@ from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.packets import PacketLayout, read_layout
 from inercal.host.sim import motion_link
-from inercal.host.sim.faults import parse_number
+from inercal.host.sim.faults import parse_number, unknown_fault
 from inercal.host.sim.imu_model import SimulatedImu, draw_bias_drift, noise_block_size
 from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.server import answer_lines
@@ -195,11 +195,7 @@ class PacketSender:
                 case ["fault", "replug"]:
                     self._port = self._port or self._open_port()
                 case _:
-                    raise InputError(
-                        f"{words!r} is not a fault; possible: {FAULT_SYNTAX}",
-                        key="fault",
-                        names=(words,),
-                    )
+                    raise unknown_fault(words, FAULT_SYNTAX)
 
     def close(self) -> None:
         """Unplug the port."""

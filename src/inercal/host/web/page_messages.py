@@ -13,6 +13,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches.kinds import require_motion_control
+from inercal.benches.motion_control import SpinTask, Task
 from inercal.benches.turntable import require_turntable
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.calibration import Calibration
@@ -21,7 +22,7 @@ from inercal.estimation.scores import chi2_tail_probability
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState
 from inercal.host.packets import PacketCounts
-from inercal.host.tasks import SpinTask, Task, host_plan
+from inercal.host.tasks import host_plan
 from inercal.physics.sensors import Axis
 from inercal.runfile import Run
 

@@ -196,7 +196,9 @@ class ManualTelemetry(Telemetry):
     def __call__(self, session: ManualSession) -> None:
         """Tell what is new."""
         self.publish_events()
-        self._publish_samples(session.imu.take_received() if session.imu is not None else None)
+        self._publish_samples(
+            session.imu.assembly.take_received() if session.imu is not None else None
+        )
         self._publisher.publish("state", **_state_message(session))
 
     def publish_plan(self, session: ManualSession) -> None:
@@ -227,13 +229,13 @@ def _state_message(session: ManualSession) -> dict[str, Any]:
         "time": rounded_number(session.time),
         "phase": "manual",
         "paused": "",
-        "trouble": (session.imu.trouble or "") if session.imu is not None else "",
+        "trouble": (session.imu.receiver.trouble or "") if session.imu is not None else "",
         "done": 0,
         "remaining": None,
         "speed": 1.0,
         "table": None if state is None else {"axes": [axis_fields(axis) for axis in axes]},
         # No sample is kept; most have no angle, before the axes are homed.
-        "imu": None if session.imu is None else imu_fields(session.imu.tally.bytes),
+        "imu": None if session.imu is None else imu_fields(session.imu.assembly.tally.bytes),
         "live": "none",
         "attitude": None,
         "manual": [
