@@ -475,14 +475,8 @@ class BenchRun:
 
     def __exit__(self, *_: object) -> None:
         try:
-            if not self._table_driver.at_rest:
-                self._clock.close()  # a simulated bench goes on by itself then
-                if (words := self._table_driver.release_to_guard()) is not None:
-                    self._interruptions.add(words)
-        except BaseException:
-            # Who does not wait for it, by another Ctrl-C, does not call it off.
-            self._guard.release_to_guard()
-            raise
+            driver = self._table_driver
+            driver.leave(self._clock, self._interruptions.add, at_rest=driver.at_rest)
         finally:
             self._open_resources.close()
 
@@ -492,7 +486,9 @@ def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | 
     limits, names = plan.bench.axis_motion_limits, plan.bench.names
     if plan.spins:
         spins = [task for task in plan.tasks if isinstance(task, SpinTask)]
-        return SpinSequencer(spins, limits, first, names, mounting)
+        sequencer = SpinSequencer(spins, limits, first, names)
+        sequencer.mounting = mounting
+        return sequencer
     turns = [task for task in plan.tasks if isinstance(task, TurnTask)]
     return Sequencer(turns, limits, first, names)
 

@@ -12,7 +12,7 @@ clock.
 from collections.abc import Sequence
 from math import degrees, pi, radians
 
-from inercal.benches.motion_control import AxisMotionLimits, TurnTask
+from inercal.benches.motion_control import TurnTask
 from inercal.host.drivers.rotary_table import TableState
 from inercal.host.task_sequencer import (
     DURATION_MARGIN,
@@ -35,15 +35,7 @@ _RETURN_RATE_SHARE = 0.5  # of the limit of rate: nothing hurries any more
 class Sequencer(TaskSequencer[TurnTask]):
     """Carries out tasks on a table of angles; parameters as of `TaskSequencer`."""
 
-    def __init__(
-        self,
-        tasks: Sequence[TurnTask],
-        limits: Sequence[AxisMotionLimits],
-        first: int = 0,
-        names: Sequence[str] = (),
-    ):
-        super().__init__(tasks, limits, first, names)
-        self._target: tuple[float, ...] = ()
+    _target: tuple[float, ...] = ()
 
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
         """Return what this phase begins with, and how long it may take, s."""

@@ -17,12 +17,12 @@ twice confirms nothing, however long it waited on its way.
 """
 
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import inf, pi
 from queue import SimpleQueue
 from typing import Literal, NamedTuple
 
-from inercal.benches.motion_control import AxisMotionLimits, SpinTask
+from inercal.benches.motion_control import SpinTask
 from inercal.host.clock import Clock
 from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.journal import Journal
@@ -43,28 +43,17 @@ _WRONG_SHARE = 0.05  # of the set rate, beyond which a drive does not hold it
 
 
 class SpinSequencer(TaskSequencer[SpinTask]):
-    """Carries out tasks on a table of rates of one axis.
+    """Carries out tasks on a table of rates of one axis; parameters as of `TaskSequencer`.
 
-    Parameters
+    Attributes
     ----------
-    tasks, limits, first, names
-        As of `TaskSequencer`.
     mounting : str
         How the sensor is mounted, as last confirmed; empty where nobody has confirmed any.
     """
 
-    def __init__(
-        self,
-        tasks: Sequence[SpinTask],
-        limits: Sequence[AxisMotionLimits],
-        first: int = 0,
-        names: Sequence[str] = (),
-        mounting: str = "",
-    ):
-        super().__init__(tasks, limits, first, names)
-        self.mounting = mounting
-        self._is_waiting = False
-        self._steady_since = inf
+    mounting = ""
+    _is_waiting = False
+    _steady_since = inf
 
     @property
     def awaited_task(self) -> SpinTask | None:

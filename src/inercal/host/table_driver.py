@@ -23,6 +23,7 @@ from select import select
 from time import monotonic
 from typing import Literal
 
+from inercal.host.clock import Clock
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
     AxisState,
@@ -370,6 +371,18 @@ class TableDriver:
             return  # and tried again
         self._servos_off = True
         self._say("alarm", words)
+
+    def leave(self, clock: Clock, say: Callable[[str], object], *, at_rest: bool) -> None:
+        """Leave the table at rest, as it is already or by the watchdog; say what went wrong."""
+        try:
+            if not at_rest:
+                clock.close()  # a simulated bench then goes on by itself
+                if (words := self.release_to_guard()) is not None:
+                    say(words)
+        except BaseException:
+            # Who does not wait for it, by another Ctrl-C, does not call it off.
+            self._guard.release_to_guard()
+            raise
 
     def release_to_guard(self) -> str | None:
         """Have the watchdog bring the table to rest; return in words what went wrong."""

@@ -5,7 +5,7 @@ toward a soft limit is a move that ends `LIMIT_MARGIN` before it: the controller
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees, inf, isfinite, nan, radians
 from typing import Literal
 
@@ -73,23 +73,22 @@ def narrower_limits(
 ) -> tuple[AxisLimits, ...]:
     """Return what each axis is held to by its controller and by what its bench states."""
     return tuple(
-        AxisLimits(
-            min(of.rate, held.rate),
-            min(of.acceleration, held.acceleration),
-            of.low,
-            of.high,
-            of.following_error,
+        replace(
+            of,
+            rate=min(of.rate, held.rate),
+            acceleration=min(of.acceleration, held.acceleration),
         )
         for of, held in zip(controller, bench, strict=True)
     )
 
 
+@dataclass(frozen=True)
 class CommandCheck:
     """Judges commands of one table.
 
     Parameters
     ----------
-    axes : sequence of str
+    axes : tuple of str
         Names, outer to inner.
     limits : sequence of AxisLimits
         What each axis is held to.
@@ -97,13 +96,9 @@ class CommandCheck:
         What the controller cannot do, with the reason.
     """
 
-    def __init__(
-        self,
-        axes: tuple[str, ...],
-        limits: Sequence[AxisLimits],
-        unsupported: Mapping[Feature, str],
-    ):
-        self._axes, self._limits, self._unsupported = axes, limits, unsupported
+    axes: tuple[str, ...]
+    limits: Sequence[AxisLimits]
+    unsupported: Mapping[Feature, str]
 
     def judge(
         self, command: AxisCommand, state: TableState, tasks: Sequence[AxisTask], time: float
@@ -127,8 +122,8 @@ class CommandCheck:
         TableFault
             The axis has a fault, or its servo is off.
         """
-        i = axis_index(command.axis, self._axes)
-        axis, limits, task = state.axes[i], self._limits[i], tasks[i]
+        i = axis_index(command.axis, self.axes)
+        axis, limits, task = state.axes[i], self.limits[i], tasks[i]
         match command:
             case ServoCommand(on=True):
                 if axis.enabled and not axis.faults:
@@ -170,8 +165,8 @@ class CommandCheck:
                 return SpinCommand(i, rate, limits.acceleration), AxisTask("jog", nan, rate)
 
     def _require_supported(self, feature: Feature) -> None:
-        if feature in self._unsupported:
-            raise InputError(self._unsupported[feature])
+        if feature in self.unsupported:
+            raise InputError(self.unsupported[feature])
 
 
 def _require_ready(axis: AxisState, task: AxisTask, rate: float = 0.0) -> None:

@@ -8,9 +8,10 @@ Counters and clocks that restart at zero are unwrapped, and lost packets detecte
 
 from collections.abc import Iterable
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import IntFlag
 from math import isfinite
+from operator import add
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -129,6 +130,9 @@ class PacketCounts:
     lost: int = 0
     repeated: int = 0
     out_of_order: int = 0
+
+    def __add__(self, other: "PacketCounts") -> "PacketCounts":
+        return PacketCounts(*map(add, vars(self).values(), vars(other).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +254,7 @@ class Decoder:
         if self._skip_line:
             skipped = data.find(b"\n") + 1 or len(data)
             self._skip_line = not data[:skipped].endswith(b"\n")
-            self.counts = replace(self.counts, discarded=self.counts.discarded + skipped)
+            self.counts += PacketCounts(discarded=skipped)
             data = data[skipped:]
         buffer = self._buffer + bytes(data)
         first, *_ = frames = self.layout.frames
@@ -282,13 +286,12 @@ class Decoder:
         if "time" in raw:
             raw = {**raw, "time": self._since_zero(raw["time"])}
         ticks = self._unwrap_column("time", raw, np.float64, flags)
-        self.counts = replace(
-            self.counts,
-            packets=self.counts.packets + n,
-            discarded=self.counts.discarded + found.consumed_bytes - found.packet_bytes,
-            failed=self.counts.failed + found.failed,
-            repeated=self.counts.repeated + _count_flag(flags, Flag.REPEATED),
-            out_of_order=self.counts.out_of_order + _count_flag(flags, Flag.OUT_OF_ORDER),
+        self.counts += PacketCounts(
+            packets=n,
+            discarded=found.consumed_bytes - found.packet_bytes,
+            failed=found.failed,
+            repeated=_count_flag(flags, Flag.REPEATED),
+            out_of_order=_count_flag(flags, Flag.OUT_OF_ORDER),
         )
         time = None if ticks is None else ticks * layout.time.size
         return Packets(readings, counter, time, temperature, status, flags)
@@ -310,7 +313,7 @@ class Decoder:
         values = raw[role].astype(kind)
         found = self._sequences[role].unwrap(values)
         flags |= found.flags
-        self.counts = replace(self.counts, lost=self.counts.lost + found.lost)
+        self.counts += PacketCounts(lost=found.lost)
         return found.values
 
 
@@ -341,7 +344,7 @@ def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCou
         raise InputError(
             f"{path}: the log cannot be read: {error.strerror or error}", file=path
         ) from None
-    counts = replace(decoder.counts, discarded=decoder.counts.discarded + decoder.pending)
+    counts = decoder.counts + PacketCounts(discarded=decoder.pending)
     if not counts.packets:
         raise InputError(
             f"{path}: {counts.discarded} bytes hold no packet of {layout.name!r}"

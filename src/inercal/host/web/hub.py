@@ -12,7 +12,12 @@ from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
-from inercal.host.web.json_objects import JsonObject, as_object
+from inercal.host.web.json_objects import (
+    JsonObject,
+    ambient_temperature,
+    as_object,
+    printable_line,
+)
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
@@ -39,7 +44,6 @@ _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s that a process may take to end that has told its end
 _TIMER_MARGIN = 0.1  # s: a timer may be that early
 _MAX_NOTE = 400  # characters of a note
-_AMBIENT_RANGE = (-90.0, 100.0)  # °C
 _COMMANDS = ("pause", "go on", "abort")
 _MANUAL_COMMANDS = ("begin manual", "manual", "release")
 _OPERATOR_COMMANDS = (
@@ -172,7 +176,7 @@ class Hub:
                     )
                 self._dismiss_run()
             case "note":
-                text = _printable_line(asked.get("text"), _MAX_NOTE)
+                text = printable_line(asked.get("text"), _MAX_NOTE)
                 if text is None:
                     raise InputError(
                         f"the note is empty or too long; write 1 to {_MAX_NOTE} printable "
@@ -193,7 +197,7 @@ class Hub:
                 "number and the mounting of the request",
                 key="number",
             )
-        if _printable_line(mounting, _MAX_NAME) is None:
+        if printable_line(mounting, _MAX_NAME) is None:
             raise InputError(
                 "the confirmation names no mounting; send the number and the mounting of the "
                 "request",
@@ -334,7 +338,7 @@ class Hub:
         self, folder: Path, chosen: ChosenDevices, asked: JsonObject, plan: Path | None
     ) -> RunRequest:
         sensor = asked.get("sensor") if plan is not None else None
-        if sensor is not None and (sensor := _printable_line(sensor, _MAX_NAME)) is None:
+        if sensor is not None and (sensor := printable_line(sensor, _MAX_NAME)) is None:
             raise InputError(
                 f"the sensor name is empty or too long; give 1 to {_MAX_NAME} printable characters",
                 key="sensor",
@@ -350,7 +354,7 @@ class Hub:
             self._register,
             self._options.temperature,
             self._options.patience,
-            _ambient_temperature(asked.get("ambient")),
+            ambient_temperature(asked.get("ambient")),
             None if plan is None else filter_changes(asked.get("filter")),
         )
 
@@ -400,26 +404,6 @@ class Hub:
             operator = people.operator
             text = _message_text("people", viewers=count, operator=operator, yours=yours)
             viewer.send("people", text)
-
-
-def _printable_line(text: object, most: int) -> str | None:
-    """Return a text that somebody typed, without spaces around it; None where it is none."""
-    if not isinstance(text, str) or not text.isprintable():
-        return None
-    return text.strip() if 0 < len(text.strip()) <= most else None
-
-
-def _ambient_temperature(asked: object) -> float | None:
-    low, high = _AMBIENT_RANGE
-    if asked is None:
-        return None
-    if not isinstance(asked, (int, float)) or isinstance(asked, bool) or not low <= asked <= high:
-        raise InputError(
-            f"the ambient temperature {str(asked)[:40]!r} is not possible; give a number from "
-            f"{low:g} to {high:g} °C",
-            key="ambient",
-        )
-    return float(asked)
 
 
 def _message_text(kind: str, **content: object) -> str:
