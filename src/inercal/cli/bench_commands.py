@@ -29,9 +29,9 @@ from inercal.cli.console import (
 if TYPE_CHECKING:
     from inercal.host.journal import Journal
     from inercal.host.live_estimator import LiveEstimator
-    from inercal.host.options import RunOptions
     from inercal.host.registration import RegisterSync
     from inercal.host.run_folder import RunFolder
+    from inercal.host.tasks import RunOptions
     from inercal.laboratory.store import Register
     from inercal.runfile import Run
 
@@ -138,7 +138,7 @@ def _complete_run(
     """Carry out the remaining steps of a run, finish it, and enter it in a register, if any."""
     from inercal.calibration.files import as_object
     from inercal.host.registration import RegisterSync
-    from inercal.host.run_completion import finish_run
+    from inercal.host.run_execution import finish_run
 
     register_sync = RegisterSync(register, folder.path)
     live = None

@@ -31,7 +31,7 @@ def devices(
 
     from inercal.basics.errors import InputError
     from inercal.host import devices
-    from inercal.host.device_description import imu_lines, port_lines, table_lines
+    from inercal.host.devices import imu_lines, port_lines, table_lines
 
     if run_file is not None and not table:
         raise InputError("--run names the axes of a table: add --table, or remove it", key="--run")

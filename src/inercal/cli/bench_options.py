@@ -4,7 +4,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from inercal.host.options import RunOptions
+    from inercal.host.tasks import RunOptions
 
 TABLE_HELP = (
     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
@@ -52,7 +52,7 @@ def run_options(speed: float | None, patience: float, temperature: str) -> "RunO
     """
     from inercal.basics.errors import InputError
     from inercal.basics.units import ZERO_CELSIUS
-    from inercal.host.options import RunOptions
+    from inercal.host.tasks import RunOptions
 
     within: tuple[float, float] | None = None
     if temperature:

@@ -18,7 +18,7 @@ from inercal.basics.system_user import user_name
 
 if TYPE_CHECKING:
     from inercal.host.bench_run import BenchRun
-    from inercal.host.mounting_prompt import MountingRequest
+    from inercal.host.spin_sequencer import MountingRequest
 
 _POLL_INTERVAL = 0.05  # s
 _CHUNK = 4096  # bytes

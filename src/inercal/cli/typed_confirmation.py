@@ -6,7 +6,7 @@ from inercal.cli.mounting_answers import WORD, mismatch_text, parse_answer, repo
 
 if TYPE_CHECKING:
     from inercal.host.bench_run import BenchRun
-    from inercal.host.mounting_prompt import MountingRequest
+    from inercal.host.spin_sequencer import MountingRequest
 
 _ENTER, _ERASE, _MAX_LINE = "\r\n", "\b\x7f", 120
 _ESCAPE, _BEGINNING = "\x1b", f"{WORD} "
