@@ -5,7 +5,12 @@ trials, `(..., n, m)`; trials share times and labels.
 """
 
 from inercal.recordings.findings import Finding, Severity, merge_findings, merge_messages
-from inercal.recordings.observations import Observations, join_observations
+from inercal.recordings.observations import (
+    HalfSectionChanges,
+    Observations,
+    Transitions,
+    join_observations,
+)
 from inercal.recordings.rounding_errors import (
     ReadingSteps,
     RoundedChannel,
@@ -21,13 +26,8 @@ from inercal.recordings.samples import (
     Recording,
     sample_count,
 )
-from inercal.recordings.temperature_course import (
-    TEMPERATURE_VARIATION,
-    ahead_of_lag,
-    temperature_rate,
-)
+from inercal.recordings.temperature import TEMPERATURE_VARIATION, ahead_of_lag, temperature_rate
 from inercal.recordings.track import AngleQuality, Track, join_tracks
-from inercal.recordings.transitions import HalfSectionChanges, Transitions
 
 __all__ = [
     "GAP_FACTOR",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.recordings.samples import Indices
-from inercal.recordings.temperature_course import temperature_varies
+from inercal.recordings.temperature import temperature_varies
 
 
 class AngleQuality(NamedTuple):

@@ -12,7 +12,11 @@ noise of the experiment, or the remaining error of the corrected formula.
 
 from dataclasses import dataclass
 from math import ceil, floor, hypot, inf, isfinite, log10, sqrt
-from typing import Literal
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
 
 Relation = Literal["=", "≤", "≥"]
 Basis = Literal["number", "words", "derived"]
@@ -208,3 +212,18 @@ def format_significant(x: float, digits: int = 2) -> str:
         tens = f"10{str(int(power)).translate(_SUPERSCRIPTS)}"
         mantissa = {"1": tens, "-1": f"-{tens}"}.get(mantissa, f"{mantissa}·{tens}")
     return mantissa.replace("-", "−")
+
+
+class Rms(NamedTuple):
+    """A root of a mean square, or a mean, and its Monte Carlo error."""
+
+    value: float
+    u: float
+
+
+def rms(errors: Array, ddof: int = 0) -> Rms:
+    """Return the RMS of errors, (trials, ...), of which those of one trial may be correlated."""
+    square = np.mean(errors.reshape(len(errors), -1) ** 2, axis=1)
+    value = float(np.sqrt(square.mean()))
+    spread = square.std(ddof=ddof) / np.sqrt(len(square))
+    return Rms(value, float(spread / (2 * value)) if value else 0.0)

@@ -27,8 +27,8 @@ from inercal.methods.temperature_ramp.course_nodes import CourseNodes, course_no
 from inercal.methods.temperature_ramp.thermometer_steps import find_crossings, thermometer_step
 from inercal.physics.sensors import Noise, Sensor
 from inercal.recordings import Track
-from inercal.recordings.segments.drift import even_drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps
+from inercal.recordings.segments.section_noise import even_drift_covariance
 
 SHORTEST_BLOCK = 10.0  # s
 # Noise of the temperature in its rate pulls the lag towards zero: blocks are lengthened, by these

@@ -12,8 +12,7 @@ from inercal.basics.units import parse_quantity
 from inercal.physics.section_settings import si_value
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, ahead_of_lag
-from inercal.recordings.data.data_section import DataSection, ReadbackColumn
-from inercal.recordings.data.source import Source
+from inercal.recordings.data import DataSection, ReadbackColumn, Source
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
 from inercal.recordings.io.section_files import read_sections

@@ -25,7 +25,7 @@ from inercal.recordings.io.column_table import (
     select_columns,
     shorten,
 )
-from inercal.recordings.io.nearest_times import nearest_samples
+from inercal.recordings.io.time_stamps import nearest_samples
 
 TIME = "time"  # the column of times
 _NS = 10**9

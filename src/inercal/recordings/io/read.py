@@ -15,7 +15,6 @@ from inercal.recordings import Recording
 from inercal.recordings.io.audit import audit, audit_rows, require_accepted
 from inercal.recordings.io.column_table import ReadRequest, Table, open_error
 from inercal.recordings.io.isolation import MOST_VALUES_KEY, read_isolated
-from inercal.recordings.io.nearest_times import nearest_samples
 from inercal.recordings.io.readers import (
     HEAD_BYTES,
     MOST_VALUES_OPTION,
@@ -31,6 +30,7 @@ from inercal.recordings.io.table_recording import (
     recording_from_table,
     sample_times,
 )
+from inercal.recordings.io.time_stamps import nearest_samples
 
 _GZIP = b"\x1f\x8b"
 _ROUNDING = 1e-6  # of half a step: stamps of few digits

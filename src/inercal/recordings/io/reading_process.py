@@ -16,9 +16,15 @@ from io import FileIO
 from typing import Any, cast
 
 from inercal.basics.errors import InercalError
-from inercal.recordings.io.array_pipe import receive, send
 from inercal.recordings.io.damaged_files import refuse_damage
-from inercal.recordings.io.isolation import FORKS, ReadingAnswer, ReadingLimits, ReadingRequest
+from inercal.recordings.io.isolation import (
+    FORKS,
+    ReadingAnswer,
+    ReadingLimits,
+    ReadingRequest,
+    receive,
+    send,
+)
 
 _INPUT, _OUTPUT = 0, 1
 _SIGNALLED = 128  # and the signal, as shells count it

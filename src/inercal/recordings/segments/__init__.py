@@ -14,7 +14,11 @@ from inercal.recordings.segments.plan_check import (
     check_turn_ends,
     marks_from_labels,
 )
-from inercal.recordings.segments.rest_changes import bias_jump_test, changes_within_rests
+from inercal.recordings.segments.rest_changes import (
+    bias_jump_test,
+    changes_within_rests,
+    require_still,
+)
 from inercal.recordings.segments.rest_detection import RestDetection, find_rests, find_thresholds
 from inercal.recordings.segments.section_detection import find_marks, find_sections, search_sections
 from inercal.recordings.segments.section_means import observe
@@ -22,7 +26,6 @@ from inercal.recordings.segments.stationary_states import (
     find_stationary_states,
     omitted_state_findings,
 )
-from inercal.recordings.segments.stillness import require_still
 from inercal.recordings.segments.turntable_segments import (
     AxisTurn,
     find_holds,

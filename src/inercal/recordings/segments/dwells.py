@@ -37,8 +37,8 @@ from inercal.recordings import (
     rounding_notes,
 )
 from inercal.recordings.segments.attitudes import INVALID_SAMPLES
-from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps
+from inercal.recordings.segments.section_noise import drift_covariance
 
 ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
 _STEADY = 2e-3  # of the rate

@@ -32,27 +32,21 @@ from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty import BATCHES, pooled_mean_covariances
 from inercal.physics.plan import Rotation, Step, Turn
 from inercal.physics.sensors import Sensor
-from inercal.recordings import (
-    Mark,
-    Observations,
-    Recording,
-    rounded_channels,
-    rounding_notes,
-)
+from inercal.recordings import Mark, Observations, Recording, rounded_channels, rounding_notes
 from inercal.recordings.segments.attitudes import INVALID_SAMPLES
-from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.hand_motion_noise import (
     density_without_hand_motion,
     noise_degrees_of_freedom,
 )
 from inercal.recordings.segments.reading_steps import reading_steps
+from inercal.recordings.segments.rest_changes import require_still
 from inercal.recordings.segments.section_noise import (
     SectionNoise,
+    drift_covariance,
     drift_notes,
     section_noise_statistics,
 )
-from inercal.recordings.segments.stillness import require_still
-from inercal.recordings.temperature_course import temperature_varies
+from inercal.recordings.temperature import temperature_varies
 
 Sections = Callable[[], Iterable[Array]]
 """Returns the sections anew with each call, (..., n, m) each."""

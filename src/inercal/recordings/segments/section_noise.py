@@ -1,8 +1,16 @@
-"""The noise of sections at rest: its correlation, its scatter, and changes within sections.
+"""The noise of sections at rest: its correlation and scatter, changes within, and slow drift.
 
 The statistics are those of `inercal.estimation.section_statistics`, separately for accelerometers
 and gyros. For a sensor in a hand only the accelerometers along gravity are analysed: all else is
 motion of the hand, whose scatter the residuals show (`inercal.estimation.residual_scatter`).
+
+Slow drift of the bias over a recording has a covariance between the means of sections.
+
+For a noise of two-sided spectrum S(f) the covariance of means over T_r and T_s, centred at t_r and
+t_s, is ∫ S(f) sinc(f T_r) sinc(f T_s) cos 2πf(t_r − t_s) df with sinc x = sin πx / πx. Bias
+instability has S = B²/(2πf) (IEEE Std 952, annex B), cut off below 1/(4 × the recording's length):
+slower noise is part of the estimated bias. A random walk K starts with the recording; its
+covariance at times t and t' is K² min(t, t').
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -21,6 +29,73 @@ from inercal.estimation.section_statistics import (
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Noise, Sensor
 from inercal.recordings.segments.hand_motion_noise import readings_along_gravity
+
+_POINTS_A_DECADE = 400  # the cosine's fastest cycles are then damped by the sincs
+_BEYOND = 30.0  # cycles in the shortest section, where the sincs are negligible
+
+
+def even_drift_covariance(noise: Noise, count: int, seconds: float) -> Array:
+    """Return the covariance of an axis's drift between means of even blocks, (count, count).
+
+    As `drift_covariance`, of blocks that follow one another: the flicker depends only on how far
+    two blocks are apart.
+
+    Parameters
+    ----------
+    noise : Noise
+    count : int
+    seconds : float
+        Length of a block, s.
+    """
+    low, high = 0.25 / (count * seconds), _BEYOND / seconds
+    f: Array = np.geomspace(low, high, int(_POINTS_A_DECADE * np.log10(high / low)) + 2)
+    apart = np.arange(count)
+    smooth: Array = np.sinc(f * seconds) ** 2 / np.pi
+    steps = np.diff(np.log(f))
+    weight = np.zeros(f.size)
+    weight[1:] += 0.5 * steps
+    weight[:-1] += 0.5 * steps
+    flicker = np.cos(2 * np.pi * seconds * np.outer(apart, f)) @ (weight * smooth)
+    middles = (apart + 0.5) * seconds
+    walk = np.minimum(middles[:, None], middles)
+    np.fill_diagonal(walk, middles - seconds / 6)
+    between = flicker[np.abs(apart[:, None] - apart)]
+    return noise.bias_instability**2 * between + noise.random_walk**2 * walk
+
+
+def drift_covariance(
+    noises: Sequence[Noise], middles: Array, durations: Array, length: float
+) -> Array | None:
+    """Return the covariance between the r means of each of m channels, (r, r, m); None if no drift.
+
+    Parameters
+    ----------
+    noises : sequence of m Noise
+        Noise of each channel.
+    middles, durations : (r,) arrays
+        Middle of each section from the recording's start, and its duration, s; sections do not
+        overlap.
+    length : float
+        Duration of the recording, s.
+    """
+    flickers = np.array([noise.bias_instability for noise in noises])
+    walks = np.array([noise.random_walk for noise in noises])
+    if not (flickers.any() or walks.any()):
+        return None
+    low, high = 0.25 / length, _BEYOND / float(durations.min())
+    points = int(_POINTS_A_DECADE * np.log10(high / low)) + 2
+    f: Array = np.geomspace(low, high, points)
+    smooth: Array = np.sinc(f * durations[:, None])
+    apart = middles[:, None] - middles
+    # df/f = d(ln f); twice, for the negative frequencies.
+    integrand = smooth[:, None] * smooth * np.cos(2 * np.pi * f * apart[..., None]) / np.pi
+    steps = np.diff(np.log(f))
+    flicker = 0.5 * (integrand[..., 1:] + integrand[..., :-1]) @ steps
+    walk = np.minimum(middles[:, None], middles)
+    # Within a section min(t, t') averages to its start plus a third of its length.
+    np.fill_diagonal(walk, middles - durations / 6)
+    return flicker[..., None] * flickers**2 + walk[..., None] * walks**2
+
 
 _ALIKE = 3.0  # times in scatter: rests that differ by more are reported
 

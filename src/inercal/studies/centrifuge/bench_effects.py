@@ -25,7 +25,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
 )
 from inercal.studies.claim import Claim, format_significant, judge_claim
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.centrifuge", "bench")
 

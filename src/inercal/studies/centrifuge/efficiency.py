@@ -8,12 +8,13 @@ from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.arm_plans import RATES
 from inercal.physics.plan import Spin
-from inercal.studies.centrifuge.centrifuge_trials import ESTIMATORS, CentrifugeTrials
 from inercal.studies.centrifuge.simulated_centrifuge import (
     AXES,
     BENCH,
+    ESTIMATORS,
     QUANTITIES,
     TRUTH,
+    CentrifugeTrials,
     ml_estimate,
     outputs,
     stated_deviations,
@@ -21,7 +22,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
 )
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.centrifuge", "efficiency")
 

@@ -30,7 +30,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
 )
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.centrifuge", "misalignment")
 

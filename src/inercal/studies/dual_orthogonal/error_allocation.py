@@ -12,26 +12,26 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
     AUTOCOLLIMATOR,
+    EVERY_FACE,
     HEAD_ERROR,
     HEAD_ZERO,
     JUDGED_COLUMNS,
+    METHODS,
     MICRO,
     NOISE,
     SIZES,
     SPINDLE_LEAN,
     estimate_errors,
+    method_errors,
     nominal_bench,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
-from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.stages import Call
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "allocation")
 

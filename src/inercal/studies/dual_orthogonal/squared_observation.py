@@ -12,22 +12,22 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.physics.sensors import G0
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
+    EVERY_FACE,
     LARGE_SIZES,
     MICRO,
     SENSOR,
     SIZES,
     DividingHeadCase,
+    method_errors,
     nominal_bench,
     rms_ratio,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
-from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "observation")
 

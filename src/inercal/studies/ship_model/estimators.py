@@ -23,8 +23,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     simulate,
     vector_rms,
 )
-from inercal.studies.stages import Call
-from inercal.studies.study_content import StudySection, StudyTable
+from inercal.studies.study import Call, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "estimators")
 
