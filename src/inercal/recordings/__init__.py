@@ -15,8 +15,7 @@ from inercal.recordings.rounding_errors import (
     ReadingSteps,
     RoundedChannel,
     RoundingErrors,
-    rounded_channels,
-    rounding_notes,
+    add_rounding,
 )
 from inercal.recordings.samples import (
     GAP_FACTOR,
@@ -46,13 +45,12 @@ __all__ = [
     "Severity",
     "Track",
     "Transitions",
+    "add_rounding",
     "ahead_of_lag",
     "join_observations",
     "join_tracks",
     "merge_findings",
     "merge_messages",
-    "rounded_channels",
-    "rounding_notes",
     "sample_count",
     "temperature_rate",
 ]

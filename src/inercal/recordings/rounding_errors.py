@@ -173,7 +173,7 @@ class RoundingErrors:
         return replace(self, covariance=self.covariance[np.ix_(at, at)])
 
 
-def rounded_channels(
+def _rounded_channels(
     sensor: Sensor, steps: ReadingSteps, covariance: Array, variance: Array
 ) -> tuple[RoundedChannel, ...]:
     """Return the channels whose steps leave more error than noise in a mean.
@@ -203,6 +203,26 @@ def rounded_channels(
     )
 
 
+def add_rounding(
+    sensor: Sensor, rounding: RoundingErrors, covariance: Array, variance: Array
+) -> tuple[RoundingErrors, Array, tuple[str, ...]]:
+    """Return the errors with their channels, the covariance of the means with them, and notes.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    rounding : RoundingErrors
+    covariance : (..., r, m, m) array
+        Of the means, without rounding.
+    variance : (m,) array
+        Of the error by rounding of a mean, SI.
+    """
+    channels = _rounded_channels(sensor, rounding.steps, covariance, variance)
+    added = rounding.variances[:, :, None] * np.eye(variance.size)
+    notes = _rounding_notes(sensor, channels)
+    return replace(rounding, channels=channels), covariance + added, notes
+
+
 def join_rounding_errors(
     one: RoundingErrors | None, other: RoundingErrors | None, r: int, s: int
 ) -> RoundingErrors | None:
@@ -223,7 +243,7 @@ def join_rounding_errors(
     return RoundingErrors(joined, coarser.steps, coarser.channels)
 
 
-def rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple[str, ...]:
+def _rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple[str, ...]:
     """Return a line on each kind of channels that are rounded, and on dead bands."""
     kinds = {axis.name: axis.measures for axis in sensor.axes}
     notes: list[str] = []

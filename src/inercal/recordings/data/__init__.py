@@ -82,27 +82,18 @@ class DataSection(Section):
     seconds: str | int | None = Field(None, description="of means: column of durations, s")
 
     @model_validator(mode="after")
-    def _counters_have_a_column(self) -> "DataSection":
-        counts = self.time is not None and self.time_unit == "sample"
-        if self.counter_modulus is not None and not counts:
+    def _keys_fit_together(self) -> "DataSection":
+        timed = self.time is not None and self.time_unit != "sample"
+        if self.counter_modulus is not None and (timed or self.time is None):
             raise ValueError(
                 "counter_modulus needs a counter: state its column as time, and "
                 'time_unit = "sample"'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _gyro_times_join_times(self) -> "DataSection":
-        timed = self.kind == "recording" and self.time is not None and self.time_unit != "sample"
-        if self.gyro_time is not None and not timed:
+        if self.gyro_time is not None and not (timed and self.kind == "recording"):
             raise ValueError(
                 "gyro_time is for recordings with a column of times: state time, or remove "
                 "gyro_time"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _means_are_one_table(self) -> "DataSection":
         if self.kind == "means" and self.gyro_file is not None:
             raise ValueError(
                 "gyro_file is for recordings: write the means of all axes in a single table and "
@@ -114,10 +105,6 @@ class DataSection(Section):
                 f'"{signed[0]}" reverses a column of a recording; in a table of means write the '
                 "readings with their signs"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _temperatures_have_a_column(self) -> "DataSection":
         given = (self.temperature_scale, self.temperature_zero, self.allow_temperature or None)
         if self.temperature is None and any(value is not None for value in given):
             raise ValueError(
@@ -219,27 +206,22 @@ class ChosenMethod(Protocol):
     @property
     def name(self) -> str:
         """Its name in the run file."""
-        ...
 
     @property
     def unknown_attitudes(self) -> bool:
         """Whether it estimates the attitudes: there is no plan that rows must fit."""
-        ...
 
     @property
     def follows_rest(self) -> bool:
         """Whether the whole recording is one rest, whose samples it follows."""
-        ...
 
     @property
     def without_angles(self) -> bool:
         """Whether it uses no angle of a turntable: the gyros show rests and turns."""
-        ...
 
     @property
     def sequential(self) -> object:
         """Its sequential estimator; None where it has none."""
-        ...
 
 
 class Source(Protocol[D]):
@@ -248,56 +230,45 @@ class Source(Protocol[D]):
     @property
     def path(self) -> Path:
         """The run file, which messages name."""
-        ...
 
     @property
     def data(self) -> D:
         """[data], of the kind of bench."""
-        ...
 
     @property
     def sensor(self) -> Sensor:
         """The axes to read, and the wanted coefficients."""
-        ...
 
     @property
     def bench(self) -> Any:
         """The bench, of the kind whose reader is called."""
-        ...
 
     @property
     def method(self) -> ChosenMethod:
         """The method."""
-        ...
 
     @property
     def environment(self) -> Environment | None:
         """The temperatures around the bench."""
-        ...
 
     @property
     def rate_hz(self) -> float | None:
         """Samples per second, where stated."""
-        ...
 
     @property
     def reader_options(self) -> Mapping[str, object]:
         """Keys of [data] that belong to the reader of a format."""
-        ...
 
     @property
     def has_plan_keys(self) -> bool:
         """Whether the run file has keys of the plan."""
-        ...
 
     @property
     def steps(self) -> tuple[Step, ...]:
         """The nominal plan."""
-        ...
 
     def file(self, name: str) -> Path:
         """Return the path of a file that the run file names."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

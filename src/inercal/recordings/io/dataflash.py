@@ -133,15 +133,18 @@ def read_messages(path: Path, wanted: Callable[[str], bool]) -> dict[str, Logged
             data, at = rest + block, 0
             while at + 3 <= len(data):
                 if data[at : at + 2] != HEAD or data[at + 2] not in types:
-                    raise _damaged(path, start + at, _what(data, at))
+                    why = f"a message of type {data[at + 2]}, which no format describes"
+                    begins = data[at : at + 2] == HEAD
+                    raise _damaged(path, start + at, why if begins else "no message begins there")
                 kind = data[at + 2]
                 end = at + types[kind].length
                 if end > len(data):
                     break
                 if kind == _FMT:
                     number, made = _format(path, start + at, data[at:end])
-                    _refuse_change(path, start + at, types.get(number), made)
-                    types.setdefault(number, made)
+                    known = types.setdefault(number, made)
+                    if (known.letters, known.fields) != (made.letters, made.fields):
+                        raise _damaged(path, start + at, f"the format of {made.name} changes")
                     if wanted(made.name):
                         kept[number] = types[number].raw
                 elif kind in kept:
@@ -159,13 +162,6 @@ def _damaged(path: Path, at: int, why: str) -> InputError:
         f"{path.name} is not a DataFlash log or is damaged at byte {at}: {why}; copy it from the "
         "flight controller again"
     )
-
-
-def _what(data: bytes, at: int) -> str:
-    """Return what is wrong with the head of a message."""
-    if data[at : at + 2] != HEAD:
-        return "no message begins there"
-    return f"a message of type {data[at + 2]}, which no format describes"
 
 
 def _format(path: Path, at: int, raw: bytes) -> tuple[int, LoggedType]:
@@ -188,11 +184,6 @@ def _format(path: Path, at: int, raw: bytes) -> tuple[int, LoggedType]:
     if size != length:
         raise _damaged(path, at, f"{name} has {length} bytes where its fields have {size}")
     return number, LoggedType(name, length, letters, fields)
-
-
-def _refuse_change(path: Path, at: int, known: LoggedType | None, made: LoggedType) -> None:
-    if known is not None and (known.letters, known.fields) != (made.letters, made.fields):
-        raise _damaged(path, at, f"the format of {made.name} changes")
 
 
 _FIRST = re.compile(r"IMU|(ACC|GYR)1?|(IMU|ACC|GYR)\[0\]")  # of several sensors

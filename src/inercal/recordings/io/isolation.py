@@ -144,17 +144,6 @@ class ReadingRequest(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-class ReadingAnswer(NamedTuple):
-    """A result, the error that ended reading, or neither where all results were sent.
-
-    An error that is a `MemoryError` says that the limit of memory was met.
-    """
-
-    result: Any = None
-    error: Exception | None = None
-    last: bool = False
-
-
 def read_isolated(
     isolation: Isolation,
     path: Path,
@@ -204,14 +193,14 @@ def stream_isolated(
     limits = _limits(size, most_values)
     process, ended = _idle_process(), False
     try:
-        process.send(ReadingRequest(isolation, limits, path.absolute(), function, arguments))
-        while not ended:
-            answer = process.receive()
-            ended = answer.last
-            if answer.error is not None:
-                raise _own_error(answer.error, isolation, limits, path)
-            if not ended:
-                yield answer.result
+        request = ReadingRequest(isolation, limits, path.absolute(), function, arguments)
+        send(process.requests, request)
+        # Each result comes in a tuple; an error or None is the last answer.
+        while isinstance(answer := receive(process.answers), tuple):
+            yield answer[0]
+        ended = True
+        if answer is not None:
+            raise _own_error(answer, isolation, limits, path)
     except (EOFError, BrokenPipeError):
         raise _death_error(process.end(), isolation, limits, path) from None
     finally:
@@ -291,23 +280,17 @@ class _Process:
             env={**os.environ, **_ENVIRONMENT},
             start_new_session=True,  # the keyboard does not interrupt it
         )
-        self._requests = cast(RawIOBase, self._process.stdin)
-        self._answers = cast(RawIOBase, self._process.stdout)
+        self.requests = cast(RawIOBase, self._process.stdin)
+        self.answers = cast(RawIOBase, self._process.stdout)
 
     @property
     def running(self) -> bool:
         return self._process.poll() is None
 
-    def send(self, request: ReadingRequest) -> None:
-        send(self._requests, request)
-
-    def receive(self) -> ReadingAnswer:
-        return receive(self._answers)
-
     def leave(self) -> None:
         """Have nothing to do with it any more."""
-        self._requests.close()
-        self._answers.close()
+        self.requests.close()
+        self.answers.close()
         self._process.returncode = 0  # else Python says that it still runs
 
     def kill(self) -> None:
@@ -319,8 +302,8 @@ class _Process:
 
     def end(self) -> int:
         """Wait for the end of one that reads nothing more; return its exit status."""
-        self._requests.close()
-        self._answers.close()
+        self.requests.close()
+        self.answers.close()
         try:
             return self._process.wait(_ENDS_WITHIN)
         except subprocess.TimeoutExpired:  # a fork of this program holds its input open

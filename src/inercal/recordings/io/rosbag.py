@@ -17,7 +17,7 @@ import sqlite3
 import struct
 import sys
 from array import array
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from importlib import import_module
 from operator import attrgetter
@@ -254,24 +254,16 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
                 names=(topic,),
             )
         if wanted.names is not None:
-            named = _wanted_fields(wanted.names, topic)
-            _refuse_unknown_fields(path, topic, named, fields)
+            own = [name for name in wanted.names if name.startswith(f"{topic}.")]
+            named = {name.removeprefix(f"{topic}.") for name in own}
+            for field in sorted(named - set(fields)):
+                raise InputError(
+                    f"{path.name} has no column {f'{topic}.{field}'!r}; of {topic} it has "
+                    f"{', '.join(fields[:12])}",
+                    names=(f"{topic}.{field}",),
+                )
             fields = [field for field in fields if field in named]
         yield _messages(path, reader, by_topic[topic], fields, stamp, decode)
-
-
-def _wanted_fields(names: Collection[str], topic: str) -> set[str]:
-    """Return the wanted fields of a topic."""
-    return {n.removeprefix(f"{topic}.") for n in names if n.startswith(f"{topic}.")}
-
-
-def _refuse_unknown_fields(path: Path, topic: str, named: set[str], fields: list[str]) -> None:
-    for field in sorted(named - set(fields)):
-        raise InputError(
-            f"{path.name} has no column {f'{topic}.{field}'!r}; of {topic} it has "
-            f"{', '.join(fields[:12])}",
-            names=(f"{topic}.{field}",),
-        )
 
 
 def _decoder(path: Path) -> tuple[Any, Mapping[str, Any]]:

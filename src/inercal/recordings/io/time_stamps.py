@@ -111,7 +111,9 @@ def require_unit(
     unit_key, rate_key = keys
     rate = _rate(stamps)
     if unit is None:
-        if (named := _unit_of_column_name(column)) is not None:
+        # The unit that the name of the column ends with, other than s.
+        if (found := _NAMED.search(column)) is not None:
+            named = found.lastgroup
             raise InputError(
                 f"{source}: column {column!r} has {named} in its name, but no unit is stated, "
                 f'which means s: state {unit_key} = "{named}"',
@@ -171,12 +173,6 @@ def _mean_rate(stamps: Stamps) -> float:
     """Return samples per unit of the stamps, from the first to the last of them."""
     finite = stamps[np.isfinite(stamps)]
     return (finite.size - 1) / float(np.ptp(finite))
-
-
-def _unit_of_column_name(column: str) -> str | None:
-    """Return the unit that a column's name ends with, other than s."""
-    found = _NAMED.search(column)
-    return None if found is None else found.lastgroup
 
 
 def _epoch_unit(stamps: Stamps) -> str | None:

@@ -28,6 +28,7 @@ from inercal.recordings.io.column_table import (
     refuse_unequal_lengths,
     row_blocks,
     select_columns,
+    whole_number_labels,
 )
 
 # Why a variable is not a column.
@@ -225,7 +226,7 @@ def _read(
             values = filled[name]
             if name in wanted.whole:
                 values = wanted.number_column(name, values)
-            read[name] = _integer_labels(values) if name in wanted.text else values
+            read[name] = whole_number_labels(values) if name in wanted.text else values
     return {name: read[name] for name in chosen}, block
 
 
@@ -239,9 +240,3 @@ def _rows_per_read(variable: Variable) -> int:
     """Return a multiple of the chunk: no part of a file is decompressed twice."""
     rows = max(1, 8 * BLOCK_ROWS // variable.sample_and_column_counts[1])
     return -(-rows // variable.chunk) * variable.chunk
-
-
-def _integer_labels(values: NDArray[Any]) -> Column:
-    """Return whole numbers as labels: MATLAB writes 1, 2, 3 as floating point."""
-    integer = np.isfinite(values).all() and (values == np.round(values)).all()
-    return values.astype(np.int64).astype(np.str_) if integer else values

@@ -20,7 +20,7 @@ from inercal.recordings.segments.rest_changes import (
     require_still,
 )
 from inercal.recordings.segments.rest_detection import RestDetection, find_rests, find_thresholds
-from inercal.recordings.segments.section_detection import find_marks, find_sections, search_sections
+from inercal.recordings.segments.section_detection import find_sections, search_sections
 from inercal.recordings.segments.section_means import observe
 from inercal.recordings.segments.stationary_states import (
     find_stationary_states,
@@ -45,7 +45,6 @@ __all__ = [
     "check_turn_ends",
     "find_dwells",
     "find_holds",
-    "find_marks",
     "find_rests",
     "find_sections",
     "find_stationary_states",

@@ -212,7 +212,8 @@ def section_noise_statistics(
         ]
         names = [sensor.axes[k].name for k in own]
         # Slow noise that the sensor's table states enters as stated.
-        stated = any(_has_slow_noise(sensor.axes[k].noise) for k in own)
+        noises = [sensor.axes[k].noise for k in own]
+        stated = any(one.bias_instability or one.random_walk for one in noises)
         judged = analyse_sections(cut, labels, names, rounding[own], coloured=stated)
         scale[:, own] = judged.scale[:, None]
         disturbance_variance[:, own] = judged.disturbance_variance
@@ -278,10 +279,6 @@ def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
                 f"({quantity.sensors}, k = 1): it is in the uncertainty of the biases"
             )
     return notes
-
-
-def _has_slow_noise(noise: Noise) -> bool:
-    return bool(noise.bias_instability or noise.random_walk)
 
 
 def _notes(

@@ -213,13 +213,7 @@ def run_filters(
 
 def _run_device(seed: int) -> TurntableTrials:
     """Return the results of all filters on one device."""
-    result = TurntableTrials()
-    for part in (_run_paper_path, _run_fast_path, _run_late_path, _run_discrete_path):
-        part(seed, result)
-    return result
-
-
-def _run_paper_path(seed: int, made: TurntableTrials) -> None:
+    made = TurntableTrials()
     case = simulate(paper_path(), seed)
     for name, of_gyros in GYRO_RUNS.items():
         made.add("g", name, of_gyros(case))
@@ -232,22 +226,14 @@ def _run_paper_path(seed: int, made: TurntableTrials) -> None:
     made.add("g", G_SENSITIVE_OWN_PATH, gyro_run("paper", FIRST_TURN)(sensed))
     made.add("g", G_SENSITIVE_FULL, gyro_run("full")(sensed))
     made.add("g", G_SENSITIVE_MODELLED, gyro_run("full", sensor=_G_SENSITIVE_IMU)(sensed))
-
-
-def _run_fast_path(seed: int, made: TurntableTrials) -> None:
-    case = simulate(fast_path(), seed)
-    made.add("g", TURNS_BOTH_WAYS, gyro_run("full", FIRST_TURN)(case))
-
-
-def _run_late_path(seed: int, made: TurntableTrials) -> None:
-    case = simulate(paper_path(), seed, DELAYED_TABLE)
-    made.add("g", DELAYED_15_STATES, gyro_run("paper", FIRST_TURN)(case))
-    made.add("g", DELAYED_19_STATES, gyro_run("drift", FIRST_TURN)(case))
-
-
-def _run_discrete_path(seed: int, made: TurntableTrials) -> None:
+    fast = simulate(fast_path(), seed)
+    made.add("g", TURNS_BOTH_WAYS, gyro_run("full", FIRST_TURN)(fast))
+    late = simulate(paper_path(), seed, DELAYED_TABLE)
+    made.add("g", DELAYED_15_STATES, gyro_run("paper", FIRST_TURN)(late))
+    made.add("g", DELAYED_19_STATES, gyro_run("drift", FIRST_TURN)(late))
     for kind, found in discrete_estimates(simulate(discrete_path(), seed)).items():
         made.add(kind, DISCRETE_PROCEDURE, found)
+    return made
 
 
 def coefficients_decided_at_ends(case: TurntableCase) -> int:
