@@ -10,6 +10,7 @@ u the standard uncertainty of the comparison: rounding of the printed digits, Mo
 noise of the experiment, or the remaining error of the corrected formula.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil, floor, hypot, inf, isfinite, log10, sqrt
 from typing import Literal, NamedTuple
@@ -219,6 +220,11 @@ class Rms(NamedTuple):
 
     value: float
     u: float
+
+
+def format_all(values: Iterable[float | Rms], digits: int = 2) -> list[str]:
+    """Return numbers as `format_significant` does; of a mean without its error."""
+    return [format_significant(x.value if isinstance(x, Rms) else x, digits) for x in values]
 
 
 def rms(errors: Array, ddof: int = 0) -> Rms:

@@ -33,8 +33,9 @@ from inercal.estimation import ModelTest
 from inercal.estimation.section_statistics import largest_change_test
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor, inverse
-from inercal.recordings import Finding, HalfSectionChanges, Mark, Recording, sample_count
+from inercal.recordings import Finding, Mark, Recording, sample_count
 from inercal.recordings.io.column_table import row_blocks
+from inercal.recordings.observations import HalfSectionChanges
 
 _BLOCK_COUNT = 10
 _USUAL = 20.0  # a step of so many scatters half-way adds ten times the variance of noise squared

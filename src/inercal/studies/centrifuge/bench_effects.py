@@ -23,7 +23,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
     outputs,
     steps,
 )
-from inercal.studies.claim import Claim, format_significant, judge_claim
+from inercal.studies.claim import Claim, format_all, format_significant, judge_claim
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import StudySection, StudyTable
 
@@ -175,7 +175,7 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
         (
             StudyTable("Errors of S (V/g), b (g) and D (1/g)", "",
                   [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES],
-                  [(name, [format_significant(x) for x in value.ravel()])
+                  [(name, format_all(value.ravel()))
                    for name, value in rows.items()]),
         ),
         arrangements=lever.arrangements,

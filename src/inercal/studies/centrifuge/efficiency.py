@@ -20,7 +20,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
     stated_deviations,
     steps,
 )
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import format_all, format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
 
@@ -98,7 +98,7 @@ def section(trials: CentrifugeTrials) -> StudySection:
         findings,
         (
             StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
-                  [(name, [format_significant(x, 3) for x in value.ravel()])
+                  [(name, format_all(value.ravel(), 3))
                    for name, value in sets.items()]),
             StudyTable("What the plans determine of the 13 terms of (13)", "plan",
                   ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.estimation import Estimate
-from inercal.studies.claim import Rms, format_significant, rms
+from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
     EVERY_FACE,
@@ -97,10 +97,7 @@ def accuracy_section(found: MethodAccuracy) -> StudySection:
         ACCURACY_TEXT.judge(name, patent[name].value, patent[name].u, reason)
         for name, reason in reasons.items()
     ]
-    rows = [
-        (name, [format_significant(x.value, 3) for x in by_column.values()])
-        for name, by_column in found.rms.items()
-    ]
+    rows = [(name, format_all(by_column.values(), 3)) for name, by_column in found.rms.items()]
     largest = max(x.u / x.value for by_column in found.rms.values() for x in by_column.values())
     places = np.arange(float(len(COLUMNS)))
     lines = [
@@ -194,7 +191,7 @@ def head_section(found: HeadComparison) -> StudySection:
         (
             StudyTable("RMS of K0, µg, by the head's error (rms)", "method",
                   [f"{head:g}″" for head in HEAD_ERRORS],
-                  [(name, [format_significant(x.value, 3) for x in k0])
+                  [(name, format_all(k0, 3))
                    for name, k0 in found.k0.items()]),
         ),
         (

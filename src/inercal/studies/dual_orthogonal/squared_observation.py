@@ -12,7 +12,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.physics.sensors import G0
-from inercal.studies.claim import Rms, format_significant, rms
+from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
     EVERY_FACE,
@@ -125,7 +125,7 @@ def section(trials: int, seed: int) -> StudySection:
             StudyTable(
                 "What the linear form adds to each harmonic of z, RMS, µg", "coefficients",
                 HARMONICS,
-                [(words, [format_significant(x.value) for x in form.linear])
+                [(words, format_all(form.linear))
                  for words, form in (("nominal", small), ("large", large))],
             ),
             _size_table(trials, seed),

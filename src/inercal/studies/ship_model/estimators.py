@@ -10,7 +10,7 @@ from inercal.basics.arrays import Array
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norm_equations import norm_jacobian, norm_residuals
 from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import format_all, format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.simulated_rate_table import (
     MILLI,
@@ -122,7 +122,7 @@ def section(found: EstimatorComparison, searched: MedianEstimate, devices: int) 
         norm = format_significant(median_estimate(found.norms(name) / MILLI).value, digits)
         cells = [
             norm,
-            *(format_significant(x, digits) for x in (vector.value, vector.percentile_95)),
+            *format_all((vector.value, vector.percentile_95), digits),
         ]
         table.append((f"{name}: {words}", cells))
     of_search = format_significant(searched.value), format_significant(searched.percentile_95)

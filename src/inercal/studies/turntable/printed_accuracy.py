@@ -7,7 +7,7 @@ import numpy as np
 from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.physics.sensors import G0
-from inercal.studies.claim import ClaimResult, Rms, format_significant
+from inercal.studies.claim import ClaimResult, Rms, format_all, format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
 from inercal.studies.turntable.simulated_turntable import ARW, MICRO_G, PPM, TABLE
@@ -219,7 +219,7 @@ def _time_table(
         rows.append(
             (
                 words,
-                [format_significant(minutes[path]), *(format_significant(x.value) for x in both)],
+                [format_significant(minutes[path]), *format_all(both)],
             )
         )
     heads = ("min", "bias,\n°/min", "scale,\nppm", "angles,\n″", "bias,\nµg", "scale,\nppm",

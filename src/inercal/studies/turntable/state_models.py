@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.studies.claim import ClaimResult, format_significant
+from inercal.studies.claim import ClaimResult, format_all, format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
 from inercal.studies.turntable.printed_accuracy import EIGHTEEN_STATES, FULL_STATES, OWN_PATH
@@ -79,7 +79,7 @@ def _states_table(
             (
                 name,
                 [
-                    *(format_significant(x.value) for x in figures),
+                    *format_all(figures),
                     format_significant(one.nees.u, 1),
                 ],
             )
@@ -169,10 +169,7 @@ def _failures_table(made: dict[str, FilterScore]) -> StudyTable:
     rows = [
         (
             name,
-            [
-                format_significant(x.value)
-                for x in (one.bias, one.scale, one.misalignment, one.nees)
-            ],
+            format_all((one.bias, one.scale, one.misalignment, one.nees)),
         )
         for name, one in ((name, made[name]) for name in _FAILURE_ROWS)
     ]
