@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.recordings.rounding_errors import RoundingErrors, join_rounding_errors
+from inercal.recordings.rounding_errors import (
+    RoundingErrors,
+    join_covariances,
+    join_rounding_errors,
+)
 from inercal.recordings.samples import Indices
 from inercal.recordings.temperature import temperature_varies
 from inercal.recordings.track import Track
@@ -301,15 +305,11 @@ def join_observations(one: Observations, other: Observations) -> Observations:
     The result has temperatures only where both have.
     """
     r, s, m = len(one.labels), len(other.labels), len(one.channels)
-    drift, course = None, None
+    course = None
     if one.drift_mean is not None or other.drift_mean is not None:
         course = np.zeros((r + s, m))
         course[:r] = 0.0 if one.drift_mean is None else one.drift_mean
         course[r:] = 0.0 if other.drift_mean is None else other.drift_mean
-    if one.drift is not None or other.drift is not None:
-        drift = np.zeros((r + s, r + s, m))
-        drift[:r, :r] = 0.0 if one.drift is None else one.drift
-        drift[r:, r:] = 0.0 if other.drift is None else other.drift
     return Observations(
         labels=(*one.labels, *other.labels),
         mean=np.concatenate([one.mean, other.mean], axis=-2),
@@ -319,7 +319,7 @@ def join_observations(one: Observations, other: Observations) -> Observations:
         time=np.concatenate([one.time, other.time]),
         channels=one.channels,
         dof=min(one.dof, other.dof),
-        drift=drift,
+        drift=join_covariances(one.drift, other.drift, r, s),
         drift_mean=course,
         rounding=join_rounding_errors(one.rounding, other.rounding, r, s),
         tests=(*one.tests, *other.tests),
