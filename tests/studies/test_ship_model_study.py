@@ -37,7 +37,9 @@ Array = NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def estimator_comparison() -> EstimatorComparison:
-    return estimators.compare_estimators(400, 1)
+    case = simulated_rate_table.simulate(400, 1)
+    found = [call() for call in estimators.estimator_calls(case)]
+    return estimators.combine_estimators(case, 1, found)
 
 
 def section_verdicts(study: Study, name: str) -> list[str]:

@@ -206,22 +206,27 @@ class ChosenMethod(Protocol):
     @property
     def name(self) -> str:
         """Its name in the run file."""
+        ...
 
     @property
     def unknown_attitudes(self) -> bool:
         """Whether it estimates the attitudes: there is no plan that rows must fit."""
+        ...
 
     @property
     def follows_rest(self) -> bool:
         """Whether the whole recording is one rest, whose samples it follows."""
+        ...
 
     @property
     def without_angles(self) -> bool:
         """Whether it uses no angle of a turntable: the gyros show rests and turns."""
+        ...
 
     @property
     def sequential(self) -> object:
         """Its sequential estimator; None where it has none."""
+        ...
 
 
 class Source(Protocol[D]):
@@ -230,45 +235,56 @@ class Source(Protocol[D]):
     @property
     def path(self) -> Path:
         """The run file, which messages name."""
+        ...
 
     @property
     def data(self) -> D:
         """[data], of the kind of bench."""
+        ...
 
     @property
     def sensor(self) -> Sensor:
         """The axes to read, and the wanted coefficients."""
+        ...
 
     @property
     def bench(self) -> Any:
         """The bench, of the kind whose reader is called."""
+        ...
 
     @property
     def method(self) -> ChosenMethod:
         """The method."""
+        ...
 
     @property
     def environment(self) -> Environment | None:
         """The temperatures around the bench."""
+        ...
 
     @property
     def rate_hz(self) -> float | None:
         """Samples per second, where stated."""
+        ...
 
     @property
     def reader_options(self) -> Mapping[str, object]:
         """Keys of [data] that belong to the reader of a format."""
+        ...
 
     @property
     def has_plan_keys(self) -> bool:
         """Whether the run file has keys of the plan."""
+        ...
 
     @property
     def steps(self) -> tuple[Step, ...]:
         """The nominal plan."""
+        ...
 
     def file(self, name: str) -> Path:
         """Return the path of a file that the run file names."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

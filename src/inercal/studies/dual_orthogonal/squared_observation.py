@@ -145,9 +145,8 @@ def _size_table(trials: int, seed: int) -> StudyTable:
     """Return the table of large coefficients against nominal ones, from the same draws."""
     rows: list[tuple[str, list[str]]] = []
     for method in SHOWN_METHODS:
-        small, large = (
-            method_errors(method, trials, seed, sizes=sizes) for sizes in (SIZES, LARGE_SIZES)
-        )
+        small = method_errors(method, trials, seed, sizes=SIZES)
+        large = method_errors(method, trials, seed, sizes=LARGE_SIZES)
         cells = [
             f"{format_significant(rms(large[name]).value, 3)} "
             f"({rms_ratio(large[name], small[name]).value:.3f})"

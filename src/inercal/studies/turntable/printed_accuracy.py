@@ -119,14 +119,6 @@ def _in_printed_unit(one: Rms, of: str, kind: str) -> Rms:
     return Rms(one.value * size, one.u * size)
 
 
-def _errors_over_bounds(one: FilterScore, of: str) -> list[float]:
-    bounds = [
-        ACCURACY_TEXT.claims[f"{_SENSOR_NAMES[of]}_{kind}"].expected for kind in COEFFICIENT_KINDS
-    ]
-    found = [_in_printed_unit(one.largest_axis[kind], of, kind).value for kind in COEFFICIENT_KINDS]
-    return [value / bound for value, bound in zip(found, bounds, strict=True)]
-
-
 def _chart(found: TurntableTrials) -> Chart:
     held = {
         EIGHTEEN_STATES: "18",
@@ -153,8 +145,13 @@ def _chart(found: TurntableTrials) -> Chart:
 
 def _filter_marks(one: FilterScore, of: str, name: str, aside: float) -> Curve:
     """Return the marks of one filter, a little aside: some agree."""
-    return Curve(name, np.arange(float(len(COEFFICIENT_KINDS))) + aside,
-                 np.array(_errors_over_bounds(one, of)), connected=False)  # fmt: skip
+    over_bound = [
+        _in_printed_unit(one.largest_axis[kind], of, kind).value
+        / ACCURACY_TEXT.claims[f"{_SENSOR_NAMES[of]}_{kind}"].expected
+        for kind in COEFFICIENT_KINDS
+    ]
+    places = np.arange(float(len(over_bound))) + aside
+    return Curve(name, places, np.array(over_bound), connected=False)
 
 
 TIME_TEXT = read_section_text("inercal.studies.turntable", "time")
@@ -209,19 +206,15 @@ def time_section(found: TurntableTrials) -> StudySection:
 def _time_table(
     minutes: dict[str, float], gyros: dict[str, FilterScore], held: dict[str, FilterScore]
 ) -> StudyTable:
-    rows: list[tuple[str, list[str]]] = []
-    for words, path, one, other in (
+    ways = (
         ("source's path, 15 and 18 states", "paper", OWN_PATH, EIGHTEEN_STATES),
         ("source's path, full, whole recording", "paper", FULL_STATES, "full"),
         ("six positions and steady rates", "discrete", DISCRETE_PROCEDURE, DISCRETE_PROCEDURE),
-    ):
-        both = (*gyros[one][:3], *held[other][:3])
-        rows.append(
-            (
-                words,
-                [format_significant(minutes[path]), *format_all(both)],
-            )
-        )
+    )
+    rows = [
+        (words, format_all((minutes[path], *gyros[one][:3], *held[other][:3])))
+        for words, path, one, other in ways
+    ]
     heads = ("min", "bias,\n°/min", "scale,\nppm", "angles,\n″", "bias,\nµg", "scale,\nppm",
              "angles,\n″")  # fmt: skip
     return StudyTable("Time, and RMS of the gyros' and of the accelerometers' errors", "way", heads,

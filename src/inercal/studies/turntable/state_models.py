@@ -71,19 +71,11 @@ def states_section(found: TurntableTrials) -> StudySection:
 def _states_table(
     title: str, names: Sequence[str], runs: dict[str, list[FilterErrors]], of: str
 ) -> StudyTable:
-    rows: list[tuple[str, list[str]]] = []
-    for name in names:
-        one = score_filter(runs[name], of)
-        figures = (one.bias, one.scale, one.misalignment, one.nees)
-        rows.append(
-            (
-                name,
-                [
-                    *format_all(figures),
-                    format_significant(one.nees.u, 1),
-                ],
-            )
-        )
+    scores = {name: score_filter(runs[name], of) for name in names}
+    rows = [
+        (name, [*format_all(one[:4]), format_significant(one.nees.u, 1)])
+        for name, one in scores.items()
+    ]
     return StudyTable(title, "filter", _HEADS, rows)
 
 
@@ -166,12 +158,6 @@ def failures_section(found: TurntableTrials) -> StudySection:
 
 
 def _failures_table(made: dict[str, FilterScore]) -> StudyTable:
-    rows = [
-        (
-            name,
-            format_all((one.bias, one.scale, one.misalignment, one.nees)),
-        )
-        for name, one in ((name, made[name]) for name in _FAILURE_ROWS)
-    ]
+    rows = [(name, format_all(made[name][:4])) for name in _FAILURE_ROWS]
     return StudyTable("Gyros: RMS of the errors where something is left out", "filter",
                  ("bias, °/min", "scale, ppm", "misalignment, ″", "NEES"), rows)  # fmt: skip
