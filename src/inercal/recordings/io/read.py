@@ -216,11 +216,6 @@ def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> 
         )
     files = [path] if second is None else [path, second]
     _refuse_unknown_options(columns.options, *files)
-    return _read_together(path, columns, second)
-
-
-def _read_together(path: Path, columns: Columns, second: Path | None) -> Recording:
-    """Return the recording of a file, or of two by their rows or times."""
     if second is not None and columns.second_time is not None:
         return _join_by_time(path, second, columns)
     table = _read(path, read_request(columns), columns.options)

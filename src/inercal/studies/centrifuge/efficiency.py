@@ -65,17 +65,14 @@ def section(trials: CentrifugeTrials) -> StudySection:
     known, round_ = known_attitude_bound(), full_circle_bound()
     once = steps(rates=RATES[:1]) * 3
     twice, thrice = steps(rates=RATES[:2]), steps()
-    ranks = {
-        "half circle, one rate, each dwell three times": (once, *rank_and_condition(once)),
-        "half circle, two rates": (twice, *rank_and_condition(twice)),
-        "half circle, three rates, as printed": (thrice, *rank_and_condition(thrice)),
-        "full circle, three rates": (
-            steps("full-circle"),
-            *rank_and_condition(steps("full-circle")),
-        ),
+    plans = {
+        "half circle, one rate, each dwell three times": once,
+        "half circle, two rates": twice,
+        "half circle, three rates, as printed": thrice,
+        "full circle, three rates": steps("full-circle"),
     }
-    _, of_once, _ = ranks["half circle, one rate, each dwell three times"]
-    _, of_twice, _ = ranks["half circle, two rates"]
+    ranks = {name: (spins, *rank_and_condition(spins)) for name, spins in plans.items()}
+    of_once, of_twice = (rank_and_condition(spins)[0] for spins in (once, twice))
     sets = {
         **{f"{name}, scatter": trials.std(name) for name in ESTIMATORS},
         "bound: norms": trials.bound,

@@ -183,6 +183,25 @@ def ml_estimate(output: Array, spins: Sequence[Spin], bench: Centrifuge = BENCH)
     return ml(observations(output, result), result, bench, spins)
 
 
+def closed_form_errors(invert: closed_formulas.SeriesInverse, output: Array) -> Array:
+    """Return the errors of `closed_form_estimate` on the printed dwells, (..., 3, 3)."""
+    return closed_form_estimate(invert, output, steps()) - TRUTH.values
+
+
+def ml_errors(output: Array) -> Array:
+    """Return the errors of `ml_estimate` on the printed dwells, (..., 3, 3)."""
+    return coefficients_as_printed(ml_estimate(output, steps()).value) - TRUTH.values
+
+
+def estimator_errors(output: Array) -> dict[str, Array]:
+    """Return the errors of S, b, D by estimator on the printed dwells, (..., 3, 3)."""
+    return {
+        "paper": closed_form_errors(closed_formulas.paper, output),
+        "series": closed_form_errors(closed_formulas.series, output),
+        "ml": ml_errors(output),
+    }
+
+
 def stated_deviations(estimate: Estimate) -> Array:
     """Return the deviations that an estimate states of S, b and D, (3, 3)."""
     spread = 1e-3 * estimate.std[:9]
@@ -262,20 +281,15 @@ def repeat_experiment(trials: int, seed: int) -> CentrifugeTrials:
     paper = _closed_form_estimates(closed_formulas.paper, noisy) - TRUTH.values
     possible = np.isfinite(paper).all(axis=(1, 2))
     fitted = ml_estimate(noisy[: max(trials // ML_TRIAL_RATIO, 20)], spins)
-    clean = ml_estimate(exact, spins)
     return CentrifugeTrials(
         {
             "paper": paper[possible],
             "series": _closed_form_estimates(closed_formulas.series, noisy) - TRUTH.values,
             "ml": coefficients_as_printed(fitted.value) - TRUTH.values,
         },
-        {
-            "paper": closed_form_estimate(closed_formulas.paper, exact, spins) - TRUTH.values,
-            "series": closed_form_estimate(closed_formulas.series, exact, spins) - TRUTH.values,
-            "ml": coefficients_as_printed(clean.value) - TRUTH.values,
-        },
+        estimator_errors(exact),
         1 - float(possible.mean()),
-        stated_deviations(clean),
+        stated_deviations(ml_estimate(exact, spins)),
         fitted.chi2,
         fitted.dof,
     )

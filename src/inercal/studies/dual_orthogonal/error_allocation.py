@@ -66,23 +66,20 @@ class AllocationItem:
     random_coefficients: bool = False
 
 
-def _allocation_items() -> dict[str, AllocationItem]:
-    full = nominal_bench()
-    head = {"harmonics": full.harmonics, "division": full.division}
-    return {
-        "readings": AllocationItem(f"{NOISE / MICRO:g} µg"),
-        _AUTOCOLLIMATOR_ITEM: AllocationItem(
-            f"{AUTOCOLLIMATOR:g}″", {"autocollimator": full.autocollimator}
-        ),
-        "head": AllocationItem(f"{HEAD_ERROR:g}″", head),
-        "zero of the head": AllocationItem(f"{HEAD_ZERO:g}″", {"base": full.base}),
-        "lean of the spindle": AllocationItem(f"{SPINDLE_LEAN:g}″", {"lean": full.lean}),
-        "coefficients": AllocationItem("as drawn", random_coefficients=True),
-        BASE_TILT_ITEM: AllocationItem(f"{BASE_TILT:g}″", {"pier": BASE_TILT * ARCSEC}),
-    }
-
-
-ITEMS = _allocation_items()
+_FULL_BENCH = nominal_bench()
+ITEMS = {
+    "readings": AllocationItem(f"{NOISE / MICRO:g} µg"),
+    _AUTOCOLLIMATOR_ITEM: AllocationItem(
+        f"{AUTOCOLLIMATOR:g}″", {"autocollimator": _FULL_BENCH.autocollimator}
+    ),
+    "head": AllocationItem(
+        f"{HEAD_ERROR:g}″", {"harmonics": _FULL_BENCH.harmonics, "division": _FULL_BENCH.division}
+    ),
+    "zero of the head": AllocationItem(f"{HEAD_ZERO:g}″", {"base": _FULL_BENCH.base}),
+    "lean of the spindle": AllocationItem(f"{SPINDLE_LEAN:g}″", {"lean": _FULL_BENCH.lean}),
+    "coefficients": AllocationItem("as drawn", random_coefficients=True),
+    BASE_TILT_ITEM: AllocationItem(f"{BASE_TILT:g}″", {"pier": BASE_TILT * ARCSEC}),
+}
 
 
 def _error_free_bench(full: DividingHead) -> DividingHead:
