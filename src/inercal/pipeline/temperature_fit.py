@@ -33,18 +33,17 @@ from inercal.pipeline.temperature_orders import (
 from inercal.recordings import Finding, Observations, temperature_rate
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.environment import Environment
-from inercal.recordings.environment.common_errors import (
-    changed_by_soak_errors,
-    with_added_covariance,
-    with_temperature_shift,
-)
-from inercal.recordings.environment.soak_loops import SoakLoop, soak_loops
 from inercal.recordings.environment.soaks import (
     SOAK_SPREAD,
+    SoakLoop,
+    changed_by_soak_errors,
     distinct_levels,
+    soak_loops,
     soak_numbers,
     soak_temperatures,
+    with_added_covariance,
     with_soak_errors,
+    with_temperature_shift,
 )
 from inercal.runfile import Run
 from inercal.runfile.environment_section import MAX_ORDERS, ORDERED

@@ -9,7 +9,8 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.physics.sensors import Sensor
-from inercal.recordings import ReadingSteps, RoundingErrors, Track, sample_count
+from inercal.recordings import ReadingSteps, Track, sample_count
+from inercal.recordings.rounding_errors import RoundingErrors
 from inercal.recordings.segments.reading_steps import reading_steps
 
 MIN_RESTS = 6

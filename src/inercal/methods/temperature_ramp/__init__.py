@@ -32,7 +32,7 @@ from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 from inercal.recordings.environment import Environment
-from inercal.recordings.environment.common_errors import with_temperature_shift
+from inercal.recordings.environment.soaks import with_temperature_shift
 
 
 def rest(seconds: float = 3600.0) -> tuple[Hold, ...]:

@@ -69,6 +69,15 @@ class MotionThreshold:
     moving: float
     threshold: float
 
+    @property
+    def words(self) -> str:
+        """Scatter at rest and threshold, in words."""
+        limit = f"threshold {self.threshold:.3g} {self.unit}"
+        if not np.isfinite(self.threshold):
+            limit = "no threshold because rest and motion scatter equally"
+        kind = QUANTITIES[self.kind].sensors
+        return f"scatter at rest {self.quiet:.3g} {self.unit}, {limit} ({kind})"
+
 
 @dataclass(frozen=True, eq=False)
 class WeightedAxes:

@@ -28,8 +28,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     rms_length,
     vector_rms,
 )
-from inercal.studies.stages import Call
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "optimiser")
 

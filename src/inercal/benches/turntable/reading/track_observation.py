@@ -53,14 +53,14 @@ from inercal.recordings.data.recording_loader import (
     require_distinct_columns,
 )
 from inercal.recordings.segments import (
+    observe as averaged,
+)
+from inercal.recordings.segments.turntable_segments import (
     AxisTurn,
     find_holds,
     find_turns,
     holds_from_numbers,
     select_long_holds,
-)
-from inercal.recordings.segments import (
-    observe as averaged,
 )
 
 _WIDEST = 0.05  # s

@@ -1,11 +1,12 @@
-"""What a study consists of, as data: sections of text, tables, charts and findings."""
+"""What a study consists of, as data, and the stages in which its figures are computed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from itertools import islice
+from typing import Any
 
 from inercal.basics.arrays import Array
-from inercal.basics.parallel import Executor
+from inercal.basics.parallel import Executor, in_order
 from inercal.studies.claim import ClaimResult
 
 MessageCallback = Callable[[str], object]
@@ -96,9 +97,27 @@ class Study:
         return [finding for section in self.sections for finding in section.findings]
 
 
-class StudyModule(Protocol):
-    """The module of a study."""
+Call = Callable[[], Any]
 
-    def run(self, trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
-        """Compute the study with this number of Monte Carlo trials; `say` receives progress."""
-        ...
+
+def compute_stages(
+    stages: Mapping[str, Sequence[Call]], say: MessageCallback, executor: Executor
+) -> list[list[Any]]:
+    """Return the results of the calls of each stage, in order.
+
+    All are submitted at once, so that no worker waits for the end of a stage.
+
+    Parameters
+    ----------
+    stages : mapping of str to sequence of callable
+        By what is said when the stage begins.
+    say : callable
+    executor : Executor
+    """
+    indices = [executor.submit(call) for calls in stages.values() for call in calls]
+    results = in_order(executor, indices[0])
+    found: list[list[Any]] = []
+    for words, calls in stages.items():
+        say(words)
+        found.append(list(islice(results, len(calls))))
+    return found
