@@ -96,7 +96,8 @@ def test_a_table_driver_is_one_entry_by_the_scheme_of_its_address(monkeypatch: p
 def test_a_verb_is_a_module_with_its_name_and_what_it_runs(name: str):
     module = import_module(f"inercal.cli.{name}")
     assert module.run.__doc__
-    shown = CliRunner().invoke(app, [module.NAME, "--help"])
+    verb = name.removesuffix("_command").replace("_", "-")
+    shown = CliRunner().invoke(app, [verb, "--help"])
     assert shown.exit_code == 0
 
 
