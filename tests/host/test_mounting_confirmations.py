@@ -22,7 +22,7 @@ from tests.host.test_ship_run import Killed, ship
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError
-from inercal.cli import mounting_answers, typed_confirmation
+from inercal.cli import mounting_answers
 from inercal.cli.bench_view import listen_to_keys
 from inercal.cli.mounting_answers import read_answers
 from inercal.host.addresses import DeviceAddresses
@@ -171,8 +171,7 @@ def until(condition: Callable[[], bool]) -> None:
 def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return what is said of lines."""
     words: list[str] = []
-    for module in (mounting_answers, typed_confirmation):
-        monkeypatch.setattr(module, "report_line", words.append)
+    monkeypatch.setattr(mounting_answers, "report_line", words.append)
     return words
 
 

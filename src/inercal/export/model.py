@@ -151,8 +151,7 @@ class ExportModel:
                 return triad
         raise InputError(
             f"{target} holds {QUANTITIES[kind].sensors}, and sensor {self.sensor.name} has "
-            "none; choose "
-            "another target",
+            "none; choose another target",
             names=self.sensor.channels,
         )
 

@@ -226,7 +226,7 @@ class Page:
 
     async def glossary(self, request: Request) -> Response:
         """Return the page of the terms."""
-        from inercal.report.glossary_page import glossary_page
+        from inercal.report.templates import glossary_page
 
         content = await asyncio.to_thread(glossary_page)
         return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})

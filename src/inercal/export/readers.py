@@ -1,46 +1,112 @@
-"""Coefficients of matrices and biases: the inverse of `inercal.export.model`.
+"""Calibrations that other programs made, read into a `Calibration` without covariance.
 
-An axis with I, P, O reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form), so that with row
-r of the matrix k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; the same for gyros, and with row r of A
-g_i = r·I, g_p = r·P, g_o = r·O.
+Their files state no uncertainties: the covariance is zero, a note states it, and `inercal compare`
+compares differences with the U of only the other calibration. Each format is a module with
+`READER = CalibrationReader(...)`; a package of its own registers one by the entry point
+`inercal.calibration_readers`.
+
+Coefficients of matrices and biases are the inverse of `inercal.export.model`: an axis with I, P, O
+reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form), so that with row r of the matrix
+k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; the same for gyros, and with row r of A g_i = r·I, g_p = r·P,
+g_o = r·O.
 """
 
+import hashlib
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
+from inercal.basics.registry import Registry
+from inercal.basics.small_files import read_small_file
 from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
-from inercal.export.readers.reader_definition import StatedCalibration, StatedTriad
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import resolve_options
 from inercal.export.term_kinds import temperature_order, term_kind
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, imu
 
+READERS: Registry[CalibrationReader] = Registry(
+    "inercal.calibration_readers",
+    "format",
+    {
+        name: f"inercal.export.targets.{name}:READER"
+        for name in ("imu_tk", "imucal", "kalibr", "px4", "ardupilot")
+    },
+)
+_LARGEST = 4 << 20  # bytes: parameters of a flight controller are 100 kilobytes
+WITHOUT_COVARIANCE = "imported without covariance: its uncertainties are not known"
 _LARGEST_SCALE_ERROR = 0.5
 
 
-def build_calibration(
-    stated: StatedCalibration, like: Calibration | None, name: str, estimator: str
+def import_calibration(
+    path: str | Path,
+    of: str,
+    *,
+    like: Calibration | None = None,
+    options: Mapping[str, Any] | None = None,
+    name: str = "",
 ) -> Calibration:
-    """Return the calibration of what a file states, with a covariance of zero.
+    """Return the calibration of a file that another program made.
 
     Parameters
     ----------
-    stated : StatedCalibration
-    like : Calibration or None
-        Gives axes and readouts.
+    path : path
+    of : str
+        Name of the format, one of `READERS`.
+    like : Calibration, optional
+        A calibration of the same sensor: its axes with their names and readouts are taken, so that
+        both can be compared. Otherwise axes are ax, ay, az, gx, gy, gz with readings in SI.
+    options : mapping of str to object, optional
+        What the format takes, by name.
     name : str
-        Of the sensor.
-    estimator : str
-        The format.
+        Of the sensor; by default that of `like`, else that of the file.
+
+    Returns
+    -------
+    Calibration
+        With a covariance of zero.
 
     Raises
     ------
     InputError
-        `like` has not three axes of a kind, or a term has no name in inercal.
+        No such format, a file that is none of this format, or a sensor that does not fit.
+    """
+    reader = READERS.find(of)
+    resolved = resolve_options(reader.name, reader.options, options or {})
+    path = Path(path)
+    raw = read_small_file(path, f"{reader.meaning} file", _LARGEST)
+    try:
+        stated = reader.read(raw.decode("utf-8-sig"), resolved)
+        named = name or (path.name.partition(".")[0] if like is None else like.sensor.name)
+        calibration = _build_calibration(stated, like, named, of)
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: no text; give a {reader.meaning} file", file=path) from None
+    except InputError as error:
+        raise error.located(path) from None
+    provenance = {
+        "imported file": path.name,
+        "imported file sha256": hashlib.sha256(raw).hexdigest(),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "inercal": version("inercal"),
+    }
+    notes = (WITHOUT_COVARIANCE, *stated.notes)
+    return replace(calibration, provenance=provenance, notes=notes)
+
+
+def _build_calibration(
+    stated: StatedCalibration, like: Calibration | None, name: str, estimator: str
+) -> Calibration:
+    """Return the calibration of what a file states, with a covariance of zero.
+
+    `like` gives axes and readouts, `estimator` is the format.
     """
     axes: list[Axis] = []
     values: dict[str, float] = {}
@@ -55,11 +121,7 @@ def build_calibration(
         axes += mine
         for row, axis in enumerate(mine):
             values |= _coefficients(triad, row, axis, kind, output=stated.output)
-    sensor = Sensor(
-        name,
-        tuple(axes),
-        reference_temperature=stated.reference_temperature,
-    )
+    sensor = Sensor(name, tuple(axes), reference_temperature=stated.reference_temperature)
     sensor = sensor.with_coefficients(*values)
     p = len(sensor.coefficients)
     _require_nominal(values, like)
@@ -83,8 +145,7 @@ def _axes(
     if len(found) != 3:
         raise InputError(
             f"the file states three {QUANTITIES[kind].sensors}, and {like.sensor.name} has "
-            f"{len(found)}; give "
-            "a calibration of the same sensor by --like",
+            f"{len(found)}; give a calibration of the same sensor by --like",
             key="--like",
         )
     return found
@@ -99,8 +160,7 @@ def _nominal_axes(stated: StatedCalibration, kind: Literal["f", "w"]) -> list[Ax
     except InputError:
         raise InputError(
             f"the {QUANTITIES[kind].sensors} read {unit!r}, which is no unit: give a "
-            "calibration of the same "
-            "sensor by --like, with its nominal readout",
+            "calibration of the same sensor by --like, with its nominal readout",
             key="--like",
         ) from None
     return [replace(axis, readout=readout) for axis in imu().axes if axis.measures == kind]

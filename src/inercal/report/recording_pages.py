@@ -1,16 +1,17 @@
-"""The page of a drafted run file: what the columns hold, the signals with their rests, methods."""
+"""Pages of a recording without a result: a drafted run file, and a recording that was refused."""
 
 import numpy as np
 from markupsafe import Markup
 
-from inercal.physics.sensors import imu, triad
+from inercal.physics.sensors import Sensor, imu, triad
 from inercal.pipeline.drafts import UNKNOWN, Draft
+from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.recordings import Mark, Recording
 from inercal.report.templates import render
-from inercal.report.traces import signal_figure
+from inercal.report.traces import scatter_figure, signal_figure
 
 
-def page(draft: Draft) -> str:
+def draft_page(draft: Draft) -> str:
     """Return the whole page, HTML."""
     return render(
         "draft.html",
@@ -37,3 +38,21 @@ def _signals(draft: Draft) -> Markup:
     recording = Recording(time - time[0], data, names, units)
     marks = [Mark(f"r{k + 1:02d}", int(a), int(b)) for k, (a, b) in enumerate(draft.rests.spans)]
     return signal_figure(recording, imu("") if "gyro" in draft.readings else triad(""), marks)
+
+
+def refusal_page(seen: InspectedRecording, sensor: Sensor, message: str) -> str:
+    """Return the whole page, HTML."""
+    marks = sorted(seen.rests.marks, key=lambda mark: mark.start)
+    time = seen.recording.time - seen.recording.time[0]
+    return render(
+        "refusal.html",
+        sensor=sensor,
+        source=seen.recording.source,
+        message=message,
+        found=seen.rests.finding.message,
+        signals=signal_figure(seen.recording, sensor, marks),
+        scatters=scatter_figure(seen.recording, sensor, seen.rests),
+        marks=[
+            (mark.label, f"{time[mark.start]:.2f}", f"{time[mark.stop - 1]:.2f}") for mark in marks
+        ],
+    )
