@@ -6,7 +6,6 @@ g_i = r·I, g_p = r·P, g_o = r·O.
 """
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
 from inercal.export.readers.reader_definition import StatedCalibration, StatedTriad
 from inercal.export.term_kinds import temperature_order, term_kind
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, imu
 
 _LARGEST_SCALE_ERROR = 0.5
@@ -44,7 +43,7 @@ def build_calibration(
     """
     axes: list[Axis] = []
     values: dict[str, float] = {}
-    triads: tuple[tuple[Literal["f", "w"], StatedTriad | None], ...] = (
+    triads: tuple[tuple[Measures, StatedTriad | None], ...] = (
         ("f", stated.accelerometer),
         ("w", stated.gyro),
     )
@@ -74,9 +73,7 @@ def build_calibration(
     return calibration.in_frame("triangular") if stated.own_frame else calibration
 
 
-def _axes(
-    stated: StatedCalibration, like: Calibration | None, kind: Literal["f", "w"]
-) -> list[Axis]:
+def _axes(stated: StatedCalibration, like: Calibration | None, kind: Measures) -> list[Axis]:
     if like is None:
         return _nominal_axes(stated, kind)
     found = [axis for axis in like.sensor.axes if axis.measures == kind]
@@ -90,7 +87,7 @@ def _axes(
     return found
 
 
-def _nominal_axes(stated: StatedCalibration, kind: Literal["f", "w"]) -> list[Axis]:
+def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
     """Return axes x, y, z with readings in the unit of the file, or in SI."""
     like = QUANTITIES[kind].ascii_unit
     unit = like if stated.units is None else stated.units["fw".index(kind)]
@@ -107,7 +104,7 @@ def _nominal_axes(stated: StatedCalibration, kind: Literal["f", "w"]) -> list[Ax
 
 
 def _coefficients(
-    triad: StatedTriad, row: int, axis: Axis, kind: Literal["f", "w"], *, output: bool
+    triad: StatedTriad, row: int, axis: Axis, kind: Measures, *, output: bool
 ) -> dict[str, float]:
     """Return the coefficients of an axis by full name, SI."""
     readout = axis.readout
@@ -151,7 +148,7 @@ def _require_nominal(values: dict[str, float], like: Calibration | None) -> None
         )
 
 
-def _temperature_name(kind: Literal["f", "w"], order: int) -> str:
+def _temperature_name(kind: Measures, order: int) -> str:
     """Return the term of a power of temperature."""
     for term in TABLES[kind]:
         if term_kind(kind, term) == "bias_temperature" and temperature_order(term) == order:
