@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from inercal.basics.errors import InputError
 from inercal.calibration.forms import Frame
 from inercal.estimation.uncertainty.conformity import Result, RuleName
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Form
 
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -46,7 +47,7 @@ class _Readout(_Strict):
 
 class _Axis(_Strict):
     name: _Text
-    measures: Literal["f", "w"]
+    measures: Measures
     i: _Direction
     p: _Direction
     readout: _Readout

@@ -188,7 +188,7 @@ def _require_rest(
     readings: "Recording", section: Path | None, to: Sequence[str], register: str | None
 ) -> str:
     """Return how the sensor moved, empty at rest; refuse to store the noise of one that moved."""
-    from inercal.noise.movement import movement
+    from inercal.noise.recording_checks import movement
     from inercal.noise.texts import movement_text
 
     moved = movement(readings)
@@ -206,7 +206,7 @@ def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float)
     """Refuse an unknown method, spacing or program, before the work."""
     from inercal.noise.coefficients import METHODS
     from inercal.noise.deviations import SPACINGS
-    from inercal.noise.writers import WRITERS
+    from inercal.noise.noise_files import WRITERS
 
     for option, value, possible in (
         ("--method", method, METHODS),

@@ -66,7 +66,7 @@ class NoiseFiles:
 
     def write(self, stem: str, noise: "SensorNoise") -> dict[str, Path | str]:
         """Write the files; return their paths."""
-        from inercal.noise.writers import WRITERS
+        from inercal.noise.noise_files import WRITERS
 
         texts = self._texts(stem)
         # All texts before the first is written: what refuses one leaves no other.

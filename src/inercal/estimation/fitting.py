@@ -121,10 +121,7 @@ def estimate_at_solution(
         whitened=point.whitened[first],
         observations=system.problem.observations,
         wanted=system.problem.wanted,
-        rank=structure.rank,
-        singular_values=structure.singular_values,
-        null_directions=structure.null_directions,
-        weakest=structure.weakest,
+        **structure._asdict(),
         converged=(converged & exists)[first],
         iterations=iterations[first],
         scoring=LazyValue(lambda: _score_tests_at_solution(system, point))

@@ -117,7 +117,7 @@ class ModelTest(NamedTuple):
     @property
     def p_value(self) -> float:
         """Probability of a statistic at least as large where the model holds."""
-        return float(scipy.special.chdtrc(self.dof, self.statistic)) if self.dof > 0 else 1.0
+        return chi2_tail_probability(self.statistic, self.dof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +253,7 @@ class ScoreTest:
     @property
     def p_value(self) -> float:
         """Probability of a fall of χ² at least as large where the candidate is zero."""
-        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+        return chi2_tail_probability(self.chi2, self.dof)
 
     @property
     def is_implausible(self) -> bool:

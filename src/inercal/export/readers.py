@@ -17,7 +17,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from inercal.calibration import Calibration
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import resolve_options
 from inercal.export.term_kinds import temperature_order, term_kind
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, imu
 
 READERS: Registry[CalibrationReader] = Registry(
@@ -110,7 +110,7 @@ def _build_calibration(
     """
     axes: list[Axis] = []
     values: dict[str, float] = {}
-    triads: tuple[tuple[Literal["f", "w"], StatedTriad | None], ...] = (
+    triads: tuple[tuple[Measures, StatedTriad | None], ...] = (
         ("f", stated.accelerometer),
         ("w", stated.gyro),
     )
@@ -136,9 +136,7 @@ def _build_calibration(
     return calibration.in_frame("triangular") if stated.own_frame else calibration
 
 
-def _axes(
-    stated: StatedCalibration, like: Calibration | None, kind: Literal["f", "w"]
-) -> list[Axis]:
+def _axes(stated: StatedCalibration, like: Calibration | None, kind: Measures) -> list[Axis]:
     if like is None:
         return _nominal_axes(stated, kind)
     found = [axis for axis in like.sensor.axes if axis.measures == kind]
@@ -151,7 +149,7 @@ def _axes(
     return found
 
 
-def _nominal_axes(stated: StatedCalibration, kind: Literal["f", "w"]) -> list[Axis]:
+def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
     """Return axes x, y, z with readings in the unit of the file, or in SI."""
     like = QUANTITIES[kind].ascii_unit
     unit = like if stated.units is None else stated.units["fw".index(kind)]
@@ -167,7 +165,7 @@ def _nominal_axes(stated: StatedCalibration, kind: Literal["f", "w"]) -> list[Ax
 
 
 def _coefficients(
-    triad: StatedTriad, row: int, axis: Axis, kind: Literal["f", "w"], *, output: bool
+    triad: StatedTriad, row: int, axis: Axis, kind: Measures, *, output: bool
 ) -> dict[str, float]:
     """Return the coefficients of an axis by full name, SI."""
     readout = axis.readout
@@ -211,7 +209,7 @@ def _require_nominal(values: dict[str, float], like: Calibration | None) -> None
         )
 
 
-def _temperature_name(kind: Literal["f", "w"], order: int) -> str:
+def _temperature_name(kind: Measures, order: int) -> str:
     """Return the term of a power of temperature."""
     for term in TABLES[kind]:
         if term_kind(kind, term) == "bias_temperature" and temperature_order(term) == order:

@@ -15,16 +15,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from subprocess import DEVNULL, Popen
-from typing import Literal
 
 import numpy as np
-from numba.core import event
 
 from inercal.basics.errors import InercalError
 from inercal.basics.process_settings import prepare_process
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import Turntable, require_turntable
 from inercal.estimation import Gaussian
+from inercal.estimation.kernel_options import compilation_told
 from inercal.host.assembly import SampleAssembler
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
@@ -32,6 +31,7 @@ from inercal.host.live_estimator import Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Track
 from inercal.runfile import Run, read
@@ -88,23 +88,21 @@ def _compile_estimator(run: Run) -> None:
     sensor = run.sensor
     if len({axis.measures for axis in sensor.axes}) > 1:
         other = _ParallelCompilation(run)
-        event.register("numba:compile", other)
-        try:
+        with compilation_told(other.start):
             _follow_part(run, "w")
-        finally:
-            event.unregister("numba:compile", other)
         other.wait()
     _follow_rest(run, sensor, run.priors)
 
 
-class _ParallelCompilation(event.Listener):
+class _ParallelCompilation:
     """Follows the accelerometers from when something here is compiled and not loaded."""
 
     def __init__(self, run: Run):
         self._run = run
         self._process: Popen[bytes] | None = None
 
-    def on_start(self, event: object) -> None:
+    def start(self) -> None:
+        """Start, unless it has started."""
         if self._process is None:
             command = [
                 sys.executable,
@@ -115,16 +113,13 @@ class _ParallelCompilation(event.Listener):
             ]
             self._process = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
 
-    def on_end(self, event: object) -> None:
-        pass
-
     def wait(self) -> None:
         """Wait for its end: what it compiled is then loaded here."""
         if self._process is not None:
             self._process.wait()
 
 
-def _follow_part(run: Run, kind: Literal["f", "w"]) -> None:
+def _follow_part(run: Run, kind: Measures) -> None:
     """Follow a part of the sensor; a method that takes the sensor as a whole may refuse that."""
     with suppress(InercalError):
         _follow_rest(run, run.sensor.select_axes(kind), ())

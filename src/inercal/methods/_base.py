@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.report_data import Plot
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations, Track
 from inercal.recordings.environment import Environment
@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # a run file that is refused needs none of these
     from inercal.calibration.forms import Frame
     from inercal.estimation import Estimate, Gaussian
 
-Kind = Literal["f", "w"]
+Kind = Measures
 Bench = TypeVar("Bench")
 Step = TypeVar("Step")
 BenchIn = TypeVar("BenchIn", contravariant=True)

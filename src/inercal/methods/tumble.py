@@ -55,7 +55,7 @@ from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
 from inercal.estimation import Estimate, Gaussian
-from inercal.estimation.uncertainty.propagation import value_and_jacobian
+from inercal.estimation.uncertainty import value_and_jacobian
 from inercal.methods import dividing_head_problem, estimator_inputs, solving
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method

@@ -10,7 +10,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.estimation import Estimate
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Sensor
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
@@ -100,7 +99,7 @@ class TemperatureFit:
     """
 
     soaks: NDArray[np.float64]
-    orders: Mapping[Literal["f", "w"], Orders]
+    orders: Mapping[Measures, Orders]
     tests: tuple[OrderTest, ...] = ()
     left_out: tuple[SoakLeftOut, ...] = ()
     ratio: float = 1.0
@@ -242,7 +241,7 @@ def fit_over_temperatures(
     return run, replace(inputs, observations=observations), found
 
 
-def _orders_of(run: Run) -> dict[Literal["f", "w"], Orders]:
+def _orders_of(run: Run) -> dict[Measures, Orders]:
     """Return the orders in use by kind of axes; none where they were not stated or tested."""
     return {} if run.temperature_order is None else used_orders(run.sensor)
 

@@ -7,12 +7,13 @@ from inercal.basics.units import si_factor
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.data_sheet import DataSheetNoise
 from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
-from inercal.noise.filter_texts import FILTER_HEADS, filter_rows
 from inercal.noise.texts import (
+    FILTER_HEADS,
     SHOWN_UNIT,
     channel_remarks,
     coefficient_cells,
     disturbance_text,
+    filter_rows,
     movement_text,
 )
 from inercal.recordings import Recording

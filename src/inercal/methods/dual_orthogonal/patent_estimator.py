@@ -19,7 +19,7 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
 from inercal.estimation import Estimate, Gaussian, Problem, least_squares
-from inercal.estimation.uncertainty.propagation import jacobian
+from inercal.estimation.uncertainty import jacobian
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal.four_points import averaging_matrix, four_points
 from inercal.methods.mean_problem import ROUNDING

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import radians
-from typing import Literal
 
 import numpy as np
 
@@ -20,11 +19,12 @@ from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.navigation import ImuModel, bias_name, earth_rate
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import Drift, drift_model
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import sample_count
 
 EPOCH = 0.2  # s
-KINDS: tuple[Literal["f", "w"], ...] = ("f", "w")
+KINDS: tuple[Measures, ...] = ("f", "w")
 LAG_SD = 0.05  # s, before the data
 _SIZE = 0.1  # of a coefficient's natural size, and rad of the level
 _BIAS_SHARE = 0.5  # of gyro biases and of the Earth's rate

@@ -27,17 +27,17 @@ Otsu's criterion:
 
 from dataclasses import dataclass
 from math import exp, log, sqrt
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording, sample_count
 
-Kind = Literal["f", "w"]
+Kind = Measures
 
 WINDOW = 0.5  # s over which scatter is computed
 CLASS_RATIO = 1.75  # ratio of the classes' mean scatters

@@ -9,7 +9,6 @@ identifies a rest, axis and angle of the integrated rate identify a turn.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, true_ranges
 from inercal.basics.errors import InputError
 from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording, sample_count
 from inercal.recordings.segments.motion_thresholds import (
@@ -230,7 +230,7 @@ def _sections(
         for a, b in true_ranges(quiet).tolist()
         if b - a - 2 * margin >= shortest
     ]
-    kinds: list[tuple[Literal["f", "w"], list[int]]] = [("f", force), ("w", rate)]
+    kinds: list[tuple[Measures, list[int]]] = [("f", force), ("w", rate)]
     levels = tuple(
         _level(sensor, kind, [channels[k] for k in own], [limits[k] for k in own], quiet)
         for kind, own in kinds
@@ -253,7 +253,7 @@ def _sections(
 
 def _level(
     sensor: Sensor,
-    kind: Literal["f", "w"],
+    kind: Measures,
     channels: Sequence[_Channel],
     limits: Sequence[float],
     quiet: NDArray[np.bool_],
