@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.methods.turntable_kalman import _readback
 from inercal.methods.turntable_trajectory import _kernels
-from inercal.methods.turntable_trajectory.rate_bends import neighbour_share, rate_bends
+from inercal.methods.turntable_trajectory._kernels import neighbour_share, rate_bends
 
 Array = NDArray[np.float64]
 STEP = 0.02  # s

@@ -59,7 +59,7 @@ from inercal.estimation.uncertainty.propagation import value_and_jacobian
 from inercal.methods import dividing_head_problem, estimator_inputs, solving
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
-from inercal.methods.dual_orthogonal import coefficient_sums
+from inercal.methods.dual_orthogonal import notes as notes_on_sums
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
 from inercal.physics.motion import Motion
@@ -117,7 +117,7 @@ def least_squares(
         raise harmonics.not_observed_error(
             sensor, error.directions, angle, "give a prior"
         ) from None
-    notes = (*harmonics.folding_notes(angle), *coefficient_sums.notes(estimate, bench, priors))
+    notes = (*harmonics.folding_notes(angle), *notes_on_sums(estimate, bench, priors))
     return replace(estimate, notes=(*notes, *estimate.notes))
 
 

@@ -10,8 +10,11 @@ from inercal.basics.run_file_advice import Change
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.estimation import Estimate
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods.multi_position.attitude_coverage import GeometryErrors, next_attitudes
-from inercal.methods.multi_position.coverage_requirements import attitudes_in_words
+from inercal.methods.multi_position.attitude_coverage import (
+    GeometryErrors,
+    attitudes_in_words,
+    next_attitudes,
+)
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.recordings import Finding

@@ -34,11 +34,13 @@ from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
 from inercal.methods.multi_position.row_whitening import (
     NORM_ROW,
     RATE_ROWS,
+    norm_scatter,
+    rate_scatter,
+    rotation_scatter,
     row_covariance,
     whitener,
     whitener_with_drift,
 )
-from inercal.methods.multi_position.scatter import norm_scatter, rate_scatter, rotation_scatter
 from inercal.methods.multi_position.within_rest_changes import (
     component_candidates,
     rest_changes,

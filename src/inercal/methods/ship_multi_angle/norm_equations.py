@@ -25,17 +25,28 @@ chance that decided the rotation affects neither the result nor its uncertainty.
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 6 to 9; Levenberg 1944 and Marquardt 1963 for μ, which it does not print: a tenth of it
 after a step that lowers the sum of squares, ten times it after one that does not.
+
+The rows of tilted states, their norms, and the columns of their axes.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import NotObserved
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
+from inercal.benches.rate_table.fixture import is_tilted
+from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
 from inercal.physics.frames import decompose_symmetric, skew
-from inercal.physics.sensors.affine import AffineModel
+from inercal.physics.plan import Spin
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.affine import AffineModel, require_affine_triad
+from inercal.recordings import Observations
 
+MIN_TILTED_STATES = 12  # groups
 RANK_TOLERANCE = 1e-9  # of the largest singular value: below, no equation determines a direction
 _INITIAL_DAMPING, _MAX_DAMPING = 1e-3, 1e12  # μ of the largest eigenvalue: first and last
 _CONVERGED_STEP = (
@@ -149,3 +160,34 @@ def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSoluti
         converged.reshape(lead),
         steps.reshape(lead),
     )
+
+
+def tilted_rows(
+    name: str, observations: Observations, sensor: Sensor, steps: Sequence[Spin]
+) -> list[int]:
+    """Return the rows of the tilted states, or refuse too few."""
+    refuse_temperature_terms(sensor, name, "joint")
+    require_affine_triad(sensor)
+    require_matching_rows(observations, sensor, steps)
+    groups = [k for k, step in enumerate(steps) if is_tilted(step)]
+    if len(groups) < MIN_TILTED_STATES:
+        raise NotObserved(
+            f"not observed: {len(groups)} tilted states make {len(groups)} norms for "
+            f"{MIN_TILTED_STATES} coefficients; add tilted states until there are "
+            f"{MIN_TILTED_STATES} for estimator {name}, or use estimator joint",
+            key="steps",
+        )
+    return groups
+
+
+def norm_observations(
+    observations: Observations, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
+) -> tuple[Array, Array]:
+    """Return readings of the groups, (..., r, 3) g, and A² + 1, (r,) g²."""
+    f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
+    return observations.mean[..., groups, :] / G0, (f**2).sum(-1)
+
+
+def axis_columns(rows: Sequence[int]) -> NDArray[np.intp]:
+    """Return the columns of the three axes of each row."""
+    return (3 * np.asarray(rows, dtype=np.intp)[:, None] + np.arange(3)).ravel()

@@ -16,11 +16,12 @@ from inercal.estimation import Estimate, Gaussian, NullDirection
 from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
 from inercal.methods.ship_consistency import bench_sensitivities, consistency, row_covariance
 from inercal.methods.ship_multi_angle import norm_equations
-from inercal.methods.ship_multi_angle.damping_start import require_convergence, starting_point
 from inercal.methods.ship_multi_angle.free_norm_directions import (
     FreeDirections,
     free_directions,
     group_information,
+    require_convergence,
+    starting_point,
     undetermined_rotations,
 )
 from inercal.methods.ship_multi_angle.global_search import (
@@ -29,7 +30,7 @@ from inercal.methods.ship_multi_angle.global_search import (
     SearchResult,
     search,
 )
-from inercal.methods.ship_multi_angle.tilted_states import (
+from inercal.methods.ship_multi_angle.norm_equations import (
     axis_columns,
     norm_observations,
     tilted_rows,

@@ -27,8 +27,8 @@ from inercal.methods.systematic.filter_estimators import solve_by_filter
 from inercal.methods.systematic.generalised_least_squares import LAG, solve
 from inercal.methods.systematic.live_filter import sequential
 from inercal.methods.systematic.remarks import remarks
-from inercal.methods.systematic.segment_tests import rest_change_test
 from inercal.methods.systematic.segments import (
+    rest_change_test,
     segments_of_track,
     shift_forces,
     shift_forces_of_track,

@@ -11,8 +11,8 @@ walk K of an axis give the covariance of the weighted means; a constant of each 
 beside, which takes the part of the drift that all blocks share.
 
 A thermometer that reports whole or half degrees says when it passes a step, and smoothing destroys
-that: there the course is a spline through the crossings, whose nodes are
-estimated (`inercal.methods.temperature_ramp.course_nodes`), and blocks are shorter and unweighted.
+that: there the course is a spline through the crossings, whose nodes are estimated
+(`inercal.methods.temperature_ramp.thermometer_steps`), and blocks are shorter and unweighted.
 """
 
 from dataclasses import dataclass, replace
@@ -23,8 +23,12 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.methods.temperature_ramp.course_nodes import CourseNodes, course_nodes
-from inercal.methods.temperature_ramp.thermometer_steps import find_crossings, thermometer_step
+from inercal.methods.temperature_ramp.thermometer_steps import (
+    CourseNodes,
+    course_nodes,
+    find_crossings,
+    thermometer_step,
+)
 from inercal.physics.sensors import Noise, Sensor
 from inercal.recordings import Track
 from inercal.recordings.segments.drift import even_drift_covariance

@@ -24,7 +24,7 @@ from inercal.methods.turntable_kalman.filter_config import (
     require_whole_epoch,
     sampling_step,
 )
-from inercal.methods.turntable_kalman.innovations import (
+from inercal.methods.turntable_kalman.filter_tests import (
     FilterResult,
     describe_innovations,
     residual_group,

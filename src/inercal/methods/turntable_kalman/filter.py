@@ -33,8 +33,12 @@ from inercal.methods.turntable_kalman._filter_steps import (
     KernelWorkspace,
     allocate_workspace,
 )
-from inercal.methods.turntable_kalman.filtered_track import FilteredTrack, FilterPiece, filter_track
-from inercal.methods.turntable_kalman.states import S
+from inercal.methods.turntable_kalman.filtered_track import (
+    FilteredTrack,
+    FilterPiece,
+    S,
+    filter_track,
+)
 from inercal.recordings import Track
 
 _NONE = np.zeros(0)

@@ -3,11 +3,13 @@
 The state before each piece is kept. What a filter did in a piece, 5 to 8 kB an epoch, is computed
 again from there where it is wanted: forward for the tests, backward for the smoother. A filter over
 pieces takes the same steps to the last bit.
+
+The states of both filters, as their kernels change them in place.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, NamedTuple
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,8 +17,18 @@ from inercal.basics.arrays import Array, Indices
 from inercal.estimation import FilterHistory, SmoothedStates
 from inercal.estimation.kalman import FilterSteps, smooth_steps, start_smoother
 from inercal.methods.turntable.terms import BIAS
-from inercal.methods.turntable_kalman.states import S, copy_state
+from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.recordings import Track
+
+_SCALAR_FIELDS = ("nis", "dof")  # of a state; all else is an array
+S = TypeVar("S", _accelerometers.VelocityState, _readback.AttitudeState)
+
+
+def copy_state(state: S) -> S:
+    """Return a state of its own, which a kernel may change in place."""
+    arrays: dict[str, Array] = {k: v for k, v in state._asdict().items() if k not in _SCALAR_FIELDS}
+    return state._replace(**{name: array.copy() for name, array in arrays.items()})
+
 
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter import Filter

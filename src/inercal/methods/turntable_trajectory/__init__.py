@@ -29,9 +29,9 @@ from inercal.methods.turntable import (
     DEFAULT_COEFFICIENTS,
     FURTHER_COEFFICIENTS,
     model,
+    remarks,
     score_columns,
 )
-from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable.score_columns import ConstantColumn
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows, parameters

@@ -32,7 +32,7 @@ from inercal.methods.residuals import vector_residuals
 from inercal.methods.turntable import model, score_columns, strapdown
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn
 from inercal.methods.turntable_trajectory import _kernels
-from inercal.methods.turntable_trajectory.rate_bends import rate_bends
+from inercal.methods.turntable_trajectory._kernels import rate_bends
 from inercal.physics.frames import log_so3, skew
 from inercal.physics.motion import Motion
 from inercal.recordings import STAMP_ROUNDING, Track
