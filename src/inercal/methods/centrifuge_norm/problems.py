@@ -41,8 +41,8 @@ from inercal.methods.residuals import (
     noisy_norm_residuals,
     norm_normal_equations,
     norm_residuals,
-    term_table,
 )
+from inercal.methods.residuals.term_table import term_table
 from inercal.methods.row_comparison import RowComparison
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import SI_UNITS, Sensor

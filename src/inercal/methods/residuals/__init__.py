@@ -4,11 +4,6 @@ Vector observation: the mean reading of each row minus the model's reading of it
 y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to the parameters
 of the motion. Norm observation: the attitude is unknown, and only the norm of the sensed motion is
 compared. A compiled kernel computes trials of three accelerometers from their declared terms.
-
-The declared terms of three accelerometers as numbers, for compiled kernels.
-
-A kernel works from this table, so that the declarations in
-`inercal.physics.sensors.coefficient_tables` stay the only statement of the model.
 """
 
 from typing import NamedTuple
@@ -16,74 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Indices
-from inercal.basics.keys import CoefficientName
+from inercal.basics.arrays import Array
 from inercal.estimation.problem import NormalEquations
+from inercal.methods.residuals.term_table import TermTable, term_table
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, inverse, three_axes
-from inercal.physics.sensors.basis_functions import Product
-
-# Powers of the components in a product, and of sign and temperature.
-_POWERS = ("fi", "fp", "fo", "si", "dT")
-# Places of products: of the component along the axis alone, 1, a, a², a³, |a| and a|a|; the
-# component along P, or O; any other product.
-_ALONG = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1))
-ALONG = len(_ALONG)
-ACROSS = ALONG, ALONG + 1
-OTHER = ALONG + 2
-
-
-class TermTable(NamedTuple):
-    """Products of an accelerometer triad, one in each line, and the axes they act along."""
-
-    frames: Array  # (3, 3, 3), rows I, P, O of each axis
-    tilts: Indices  # (3, 2), places of delta_o and delta_p that rotate each axis; −1 for none
-    coefficient: Indices  # (t,), place of the coefficient of each product
-    axis: Indices  # (t,)
-    factor: Array  # (t,)
-    place: Indices  # (t,), of the product: below `ALONG`, one of `ACROSS`, or `OTHER`
-    powers: Indices  # (t, 5), of fi, fp, fo, the sign of fi, and ΔT
-
-
-def term_table(sensor: Sensor) -> TermTable | None:
-    """Return the table of a sensor; None where its model has more than such products.
-
-    These are other sensors than three accelerometers, terms of the rate and its derivative, and the
-    bias asymmetry, which has no inverse at zero.
-    """
-    if len(sensor.axes) != 3 or any(axis.measures != "f" for axis in sensor.axes):
-        return None
-    tilts = np.full((3, 2), -1)
-    lines: list[tuple[int, int, Product]] = []
-    for k, full in enumerate(sensor.coefficients):
-        name, short = CoefficientName(full).parts
-        axis = sensor.channels.index(name)
-        if sensor.form == "tilted" and short in ("delta_o", "delta_p"):
-            tilts[axis, ("delta_o", "delta_p").index(short)] = k
-        else:
-            lines += [(k, axis, one) for one in sensor.coefficient(full).basis.products]
-    if any(not set(one.components) <= {*_POWERS} or one.components == ("si",) for *_, one in lines):
-        return None
-    powers = np.array(
-        [[one.components.count(name) for name in _POWERS] for *_, one in lines], dtype=np.int64
-    ).reshape(-1, len(_POWERS))
-    return TermTable(
-        np.stack([axis.frame for axis in sensor.axes]),
-        tilts,
-        np.array([k for k, *_ in lines], dtype=np.int64),
-        np.array([axis for _, axis, _ in lines], dtype=np.int64),
-        np.array([one.factor for *_, one in lines]),
-        np.array([_place(*one) for one in powers.tolist()], dtype=np.int64),
-        powers,
-    )
-
-
-def _place(i: int, p: int, o: int, sign: int, warm: int) -> int:
-    if p == o == warm == 0 and (i, sign) in _ALONG:
-        return _ALONG.index((i, sign))
-    if i == sign == warm == 0 and p + o == 1:
-        return ACROSS[o]
-    return OTHER
 
 
 def vector_residuals(

@@ -14,7 +14,6 @@ import numpy as np
 from numba import njit
 
 from inercal.basics.arrays import Array, Bools, Indices
-from inercal.methods.residuals import ALONG, OTHER, TermTable
 from inercal.methods.residuals._row_operations import (
     INNER,
     add,
@@ -30,6 +29,7 @@ from inercal.methods.residuals._row_operations import (
     scale,
     set_slope,
 )
+from inercal.methods.residuals.term_table import ALONG, OTHER, TermTable
 
 _WIDTH = 16  # of a loop: spare rows up to a multiple of it repeat the last one
 _MAX_STEPS, _TINY = 40, 2.0**-1022

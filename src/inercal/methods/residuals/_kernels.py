@@ -15,7 +15,6 @@ from numba import njit
 
 from inercal.basics.arrays import Array
 from inercal.estimation.problem import NormalEquations
-from inercal.methods.residuals import ALONG, OTHER, TermTable
 from inercal.methods.residuals._force_inversion import (
     Indices,
     Model,
@@ -35,6 +34,7 @@ from inercal.methods.residuals._row_operations import (
     fill,
     scale,
 )
+from inercal.methods.residuals.term_table import ALONG, OTHER, TermTable
 
 
 @njit(**INNER)
