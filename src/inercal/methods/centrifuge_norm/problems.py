@@ -134,18 +134,12 @@ def _lever_arm_candidates(
         return []
     up = jacobian[:, [built.names.index(name) for name in full]]
     columns = -(rates[:, None] ** 2) * up * (1 + up**2) / 2
-    names = tuple(f"{axis.name}.arm_i" for axis in sensor.axes)
     line = next(line for line in TABLES["f"] if line.name == "arm_i")
-
-    def candidate(name: str, chosen: list[int]) -> Candidate:
-        members = tuple(names[k] for k in chosen)
-        units = (SI_UNITS[line.unit],) * len(chosen)
-        largest = np.full(len(chosen), line.largest)
-        rows = columns[:, chosen]
-        return Candidate(name, "coefficient", members, units, rows, largest=largest)
-
-    every = list(range(len(names)))
-    return [candidate("arm_i", every), *(candidate(names[k], [k]) for k in every)]
+    arms = [
+        candidates.Column(f"{axis.name}.arm_i", SI_UNITS[line.unit], rows, line.largest)
+        for axis, rows in zip(sensor.axes, columns.T, strict=True)
+    ]
+    return candidates.together_and_alone("coefficient", [("arm_i", arms)])
 
 
 def exact_bench_norm_problem(

@@ -15,6 +15,7 @@ accelerometers are not, because they only turn the frame, which is defined by th
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -22,7 +23,15 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
 from inercal.estimation import Candidate
-from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, largest_angle
+from inercal.methods.candidates import (
+    LARGEST_RELATIVE_SIZE,
+    Column,
+    candidate,
+    coefficient_column,
+    family_name,
+    largest_angle,
+    together_and_alone,
+)
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
 from inercal.methods.multi_position.rotations import (
     inverse_model,
@@ -33,7 +42,7 @@ from inercal.methods.multi_position.row_whitening import reading_sensitivities, 
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import G0, SI_UNITS, Sensor
+from inercal.physics.sensors import G0, Sensor
 
 Basis = Callable[[Motion], Array]
 
@@ -89,8 +98,7 @@ def _coefficient_candidates(
     warmth = rests.observations.temperature_offset(sensor.reference_temperature)
     at_rest = Motion(rows.norm.specific_force, np.zeros_like(rows.norm.specific_force), dT=warmth)
     of_samples = rests.recorded_transition_offsets
-    columns: dict[str, Array] = {}
-    kinds: dict[tuple[str, str], list[str]] = {}
+    kinds: dict[tuple[str, str], list[Column]] = {}
     turned = _rotation_column(rests, rows, x)
     for full in larger.coefficients:
         name = CoefficientName(full).axis
@@ -114,15 +122,10 @@ def _coefficient_candidates(
 
             column += turned(axis, added)
         if np.max(np.abs(column)) > _ROUNDING_LIMIT:
-            columns[full] = column
-            kinds.setdefault((measures, family_name(larger.coefficient(full))), []).append(full)
-    for (_, kind), members in kinds.items():
-        together = [(kind, tuple(members))] if len(members) > 1 else []
-        for name, chosen in (*together, *((full, (full,)) for full in members)):
-            units = tuple(SI_UNITS[larger.coefficient(full).unit] for full in chosen)
-            rows_of = np.stack([columns[full] for full in chosen], axis=-1)
-            largest = np.array([larger.coefficient(full).largest for full in chosen])
-            yield Candidate(name, "coefficient", chosen, units, rows_of, largest=largest)
+            kind = measures, family_name(larger.coefficient(full))
+            kinds.setdefault(kind, []).append(coefficient_column(larger, full, column))
+    for (_, kind), own in kinds.items():
+        yield from together_and_alone("coefficient", [(kind, own)])
 
 
 def _in_group(word: str, sensor: Sensor, full: str) -> bool:
@@ -201,23 +204,16 @@ def _drift_candidates(
         return
     turned = _rotation_column(rests, rows, x)
     shape = (time - middle) / span
-    columns: dict[str, list[tuple[str, Array]]] = {}
+    columns: dict[Literal["f", "w"], list[Column]] = {}
     for k, axis in enumerate(rests.sensor.axes):
         column = _reading_column(rests, enter, k, shape)
         if way is not None and axis.measures == "w":
             of_samples = (way.time - middle) / span
             column += turned(k, lambda _, piece, of_samples=of_samples: of_samples[piece])
-        columns.setdefault(axis.measures, []).append((f"drift of {axis.name}", column))
-    for kind, members in columns.items():
-        together = [(f"drift of {QUANTITIES[kind].sensors}", members)] if len(members) > 1 else []
-        for name, chosen in (*together, *((one[0], [one]) for one in members)):
-            yield Candidate(
-                name,
-                "time",
-                tuple(full for full, _ in chosen),
-                (QUANTITIES[kind].unit,) * len(chosen),
-                np.stack([column for _, column in chosen], axis=-1),
-            )
+        drift = Column(f"drift of {axis.name}", QUANTITIES[axis.measures].unit, column)
+        columns.setdefault(axis.measures, []).append(drift)
+    for kind, own in columns.items():
+        yield from together_and_alone("time", [(f"drift of {QUANTITIES[kind].sensors}", own)])
 
 
 def _statement_candidates(rests: Rests, rows: ResidualRows) -> Iterator[Candidate]:
@@ -234,15 +230,8 @@ def _statement_candidates(rests: Rests, rows: ResidualRows) -> Iterator[Candidat
             _, north = earth_rate_up_north(place.value)
             stated.append(("latitude", "rad", place, north, _EARTH_UP, largest_angle("latitude")))
     for name, unit, value, factor, place_in_x, largest in stated:
-        yield Candidate(
-            name,
-            "bench",
-            (name,),
-            (unit,),
-            factor * rows.jacobian[:, [first + place_in_x]],
-            largest=np.array([largest]),
-            stated_sds=np.array([value.sd]),
-        )
+        rows_of = factor * rows.jacobian[:, first + place_in_x]
+        yield candidate(name, "bench", [Column(name, unit, rows_of, largest, value.sd)])
 
 
 def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:

@@ -16,11 +16,17 @@ from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.run_file_advice import Change
 from inercal.estimation import Candidate, Estimate, Gaussian, Problem, least_squares
 from inercal.estimation.problem import Linearise
-from inercal.methods.candidates import extended_sensor
+from inercal.methods.candidates import (
+    Column,
+    candidate,
+    coefficient_column,
+    extended_sensor,
+    together_and_alone,
+)
 from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import G0, SI_UNITS, Sensor
+from inercal.physics.sensors import G0, Sensor
 from inercal.recordings.environment import Environment
 
 _LONGEST = 0.5  # of the recording: a slower warm-up is a drift
@@ -128,7 +134,7 @@ def _column(model: RampModel, k: int, values: Array) -> Array:
 def _coefficient_candidates(model: RampModel, x: Array) -> list[Candidate]:
     sensor, seen = model.sensor, {"dT": model.temperature_offset(x), "dTdt": model.blocks.rate}
     larger = extended_sensor(sensor, temperature_varies=True)
-    members: dict[str, list[tuple[str, Array]]] = {}
+    members: dict[str, list[Column]] = {}
     for full in larger.coefficients:
         line = larger.coefficient(full)
         axis, term = CoefficientName(full).parts
@@ -140,18 +146,9 @@ def _coefficient_candidates(model: RampModel, x: Array) -> list[Candidate]:
             continue
         k = [one.name for one in sensor.axes].index(axis)
         column = _column(model, k, np.asarray(line.basis.value(seen)))
-        members.setdefault(term, []).append((full, column))
+        members.setdefault(term, []).append(coefficient_column(larger, full, column))
     return [
-        Candidate(
-            name,
-            "coefficient",
-            tuple(full for full, _ in chosen),
-            tuple(SI_UNITS[larger.coefficient(full).unit] for full, _ in chosen),
-            np.stack([column for _, column in chosen], axis=-1),
-            largest=np.array([larger.coefficient(full).largest for full, _ in chosen]),
-        )
-        for term, own in members.items()
-        for name, chosen in (*([(term, own)] if len(own) > 1 else []), *((n[0], [n]) for n in own))
+        one for family in members.items() for one in together_and_alone("coefficient", [family])
     ]
 
 
@@ -159,16 +156,11 @@ def _drift_candidates(model: RampModel) -> list[Candidate]:
     """Return a drift of each axis, linear in time from the first block to the last."""
     time = model.blocks.time
     shape = (time - time.mean()) / max(float(np.ptp(time)), 1e-300)
-    return [
-        Candidate(
-            f"drift of {axis.name}",
-            "time",
-            (f"drift of {axis.name}",),
-            (QUANTITIES[axis.measures].unit,),
-            _column(model, k, shape)[:, None],
-        )
+    drifts = [
+        Column(f"drift of {axis.name}", QUANTITIES[axis.measures].unit, _column(model, k, shape))
         for k, axis in enumerate(model.sensor.axes)
     ]
+    return [candidate(one.name, "time", [one]) for one in drifts]
 
 
 def _warm_up_candidates(model: RampModel, x: Array) -> list[Candidate]:
