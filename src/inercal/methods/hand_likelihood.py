@@ -19,12 +19,12 @@ from inercal.benches import Hand
 from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.methods import mean_problem, solving
 from inercal.methods.curvature import Curvature, tilt_curvature
+from inercal.methods.mean_problem import ReadingNoise
 from inercal.methods.observability import (
     not_observed_error,
     require_bias_scale_separation,
     require_observed,
 )
-from inercal.methods.row_comparison import ReadingNoise
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Observations

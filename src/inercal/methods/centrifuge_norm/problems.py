@@ -43,7 +43,6 @@ from inercal.methods.residuals import (
     norm_residuals,
 )
 from inercal.methods.residuals.term_table import term_table
-from inercal.methods.row_comparison import RowComparison
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import TABLES
@@ -190,20 +189,12 @@ def _ungauged_norm_problem(
     declared: Mapping[str, Parameter],
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
-    """Return the problem of norms for any coefficients, without gauges."""
-    return mean_problem.build_problem(
-        sensor,
-        declared,
-        lambda unknowns: _compare_norms(unknowns, observations, bench, steps),
-        priors,
-    )
+    """Return the problem of norms for any coefficients, without gauges.
 
-
-def _compare_norms(
-    unknowns: Unknowns, observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
-) -> RowComparison:
-    """Compare the norm of each row's specific force with that which the arm makes."""
-    p, sensor, loose = unknowns.p, unknowns.sensor, unknowns.nuisances
+    The norm of each row's specific force is compared with that which the arm makes.
+    """
+    unknowns = Unknowns(sensor, declared)
+    p, loose = unknowns.p, unknowns.nuisances
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     shared = _same_dwell_rows(observations, bench, steps)
     warmth = temperature.row_offsets(observations, sensor)
@@ -275,9 +266,9 @@ def _compare_norms(
 
     normal_equations = None if correlated or table is None else norm_equations
 
-    def relative_size(x: Array) -> float:
+    def relative_size() -> float:
         # A norm of tens of g is rounded at a millionth of its uncertainty.
-        lead = observations.trial_shape
+        x, lead = unknowns.start, observations.trial_shape
         if normal_equations is not None and lead > (QR_MAX_TRIALS,):
             # Trials differ little in this ratio, unless their noise differs.
             alike = covariance.ndim == 3 or len(covariance) == 1
@@ -288,13 +279,14 @@ def _compare_norms(
         result, _, seen = compared(x)
         return float(np.max(result.norm / np.sqrt(seen.variance)))
 
-    return RowComparison(
+    return unknowns.problem(
         linearise,
         noise,
-        correlated,
         observations.labels,
-        relative_size,
-        normal_equations,
+        priors,
+        relative_size(),
+        correlated=correlated,
+        normal_equations=normal_equations,
     )
 
 

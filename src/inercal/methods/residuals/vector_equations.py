@@ -7,31 +7,14 @@ trial by trial.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
+from inercal.benches import MeanMotion
 from inercal.estimation.priors_and_gauges import cholesky
 from inercal.estimation.problem import NormalEquations
-from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
-
-
-class StatedMotion(NamedTuple):
-    """The motion of r rows and how the parameters that follow the coefficients act on it.
-
-    Parameters
-    ----------
-    motion : Motion
-        (..., r, 3).
-    df, dw : mapping of str to (..., r, 3) array
-        Derivatives of f and ω by name.
-    """
-
-    motion: Motion
-    df: Mapping[str, Array]
-    dw: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +42,7 @@ class VectorEquations:
 
     sensor: Sensor
     y: Array
-    stated_motion: Callable[[Array, Indices], StatedMotion]
+    stated_motion: Callable[[Array, Indices], MeanMotion]
     names: tuple[str, ...]
     readings: Mapping[str, Array]
     noise: Array
@@ -108,9 +91,9 @@ class VectorEquations:
 
         if x.strides[0] == 0:
             x = x[:1]  # the start that all trials share
-        motion, df, dw = self.stated_motion(x, which)
+        stated = self.stated_motion(x, which)
         p, q, n = len(self.sensor.coefficients), len(self.names), len(self.observed)
-        reading, design, slope = self.sensor.linearise(motion, x[:, :p])
+        reading, design, slope = self.sensor.linearise(stated.motion, x[:, :p])
         count, r = len(which), self.y.shape[-2]
         residual = np.empty((count, *self.y.shape[-2:]))
         np.subtract(self.y if len(self.y) == 1 else self.y[which], reading, out=residual)
@@ -127,12 +110,12 @@ class VectorEquations:
             np.empty((count, p + q)),
         )
         # Accelerometers alone see no rate.
-        by_rate = self._stacked(dw, r) if slope[..., 3:].any() else np.zeros((0, 1, r, 3))
+        by_rate = self._stacked(stated.dw, r) if slope[..., 3:].any() else np.zeros((0, 1, r, 3))
         vector_kernel(
             Derivatives(
                 _contiguous(design, 4),
                 _contiguous(slope, 4),
-                self._stacked(df, r),
+                self._stacked(stated.df, r),
                 by_rate,
                 self._columns,
                 self.observed,
