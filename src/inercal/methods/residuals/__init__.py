@@ -162,7 +162,7 @@ def noisy_norm_residuals(
         bench = StatedNorms(made, np.zeros((0, *made.shape)), np.zeros_like(made))
         x = np.broadcast_to(c, (*lead, c.shape[-1]))
         which = np.arange(lead[0], dtype=np.int64)
-        found = _norm_kernel(table, y, covariance, dT, bench, x, which, jacobian)
+        found = norm_normal_equations(table, y, covariance, dT, bench, x, which, jacobian)
         none: Array = np.broadcast_to(0.0, (*lead, y.shape[-2], 3))
         return NoisyNormResiduals(found.residual, jacobian, found.weight**-2.0, none)
     seen = norm_residuals(sensor, y, c, made, w, dT)
@@ -187,6 +187,7 @@ def norm_normal_equations(
     stated: StatedNorms,
     x: Array,
     which: NDArray[np.intp],
+    jacobian: Array | None = None,
 ) -> NormalEquations:
     """Return the normal equations of trials by the residuals of `noisy_norm_residuals`.
 
@@ -202,20 +203,9 @@ def norm_normal_equations(
         Coefficients and the bench's parameters of these trials, SI.
     which : (s,) array of int
         Places of these trials.
+    jacobian : (s, r, p + q) array, optional
+        Written in place of the normal equations, not weighted.
     """
-    return _norm_kernel(table, y, covariance, dT, stated, x, which, np.empty((0, 0, 0)))
-
-
-def _norm_kernel(
-    table: TermTable,
-    y: Array,
-    covariance: Array,
-    dT: Array | float,
-    stated: StatedNorms,
-    x: Array,
-    which: NDArray[np.intp],
-    jacobian: Array,
-) -> NormalEquations:
     from inercal.methods.residuals import _kernels
     from inercal.methods.residuals._force_inversion import Model, Rows
 
@@ -247,6 +237,6 @@ def _norm_kernel(
         Model.empty(),
         Rows.empty(r, k),
         found,
-        jacobian,
+        np.empty((0, 0, 0)) if jacobian is None else jacobian,
     )
     return found

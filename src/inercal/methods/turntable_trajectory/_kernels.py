@@ -23,7 +23,7 @@ with noise of the variance −γ σ², which is how filters take account of it.
 import numpy as np
 from numba import njit
 
-from inercal.basics.arrays import Array, Bools, Indices
+from inercal.basics.arrays import Array, Bools
 from inercal.estimation.kalman import predict
 from inercal.estimation.kernel_options import kernel_step
 from inercal.methods.turntable.drift import Drift
@@ -36,11 +36,10 @@ from inercal.methods.turntable.strapdown import (
     fill_force_terms,
     fill_temperature_terms,
     inverse_scale_matrix,
-    inverse_scale_matrix_at_temperature,
     rotate,
     rotation_error,
 )
-from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE
+from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE, Terms
 
 
 def rate_bends(time: Array, rates: Array, white: Array) -> tuple[Array, Array]:
@@ -96,9 +95,7 @@ def increments(
     kinks: Array,
     when: Array,
     reference: Array,
-    nominal: Array,
-    axis: Indices,
-    weights: Array,
+    terms: Terms,
     theta: Array,
     earth: Array,
     gravity: float,
@@ -123,8 +120,7 @@ def increments(
         Times of the readbacks by the sensor's clock, ascending, not beyond the samples.
     reference : (e + 1, 3, 3) array
         Attitude by readback there.
-    nominal, axis, weights
-        Of `terms`.
+    terms : Terms
     theta : (p,) array
         Coefficients.
     earth : (3,) array
@@ -144,11 +140,12 @@ def increments(
     shared : (e + 1, 3, 3) array
         Written: that of the increments that meet at each readback, rad².
     """
+    _, axis, weights, _ = terms
     count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     turn, fed, work = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    inverse_scale_matrix(nominal, axis, weights, theta, RATE, work, m)
+    inverse_scale_matrix(terms, theta, 0.0, work, m)
     columns[:], drifting[:], driven[:], shared[:] = 0.0, 0.0, 0.0, 0.0
     i = 1
     while i < time.size - 1 and time[i] <= when[0]:
@@ -167,9 +164,7 @@ def increments(
             fill_force_terms(phi, (gravity * c[2, 0], gravity * c[2, 1], gravity * c[2, 2]))
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
-                inverse_scale_matrix_at_temperature(
-                    nominal, axis, weights, theta, RATE, warmth[i], work, m
-                )
+                inverse_scale_matrix(terms, theta, warmth[i], work, m)
             for k in range(3):
                 move[k] = (
                     rates[i - 1, k] + middle * (rates[i, k] - rates[i - 1, k]) - bend * bends[i, k]

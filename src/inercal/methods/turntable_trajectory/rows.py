@@ -118,7 +118,7 @@ class RotationRows:
         beside : (e, 3, c) array, optional
             Further columns, not whitened; see `omitted_columns`.
         """
-        track, terms, n = self.track, self.triad.terms, self.epochs.size - 1
+        track, n = self.track, self.epochs.size - 1
         time = track.time[self.epochs]
         known = {one.name: one.value for one in self.bench.parameters} | dict(q)
         when = time - known["latency"] - known["clock"] * (time - track.time[0])
@@ -130,8 +130,8 @@ class RotationRows:
         rotation_error, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
         drifting, driven, shared = (np.zeros((k, 3, 3)) for k in (n, n, n + 1))
         _kernels.increments(
-            track.time, self._rates, *self._bends, when, self._attitude, terms.nominal, terms.axis,
-            terms.weights, theta, earth, self.bench.gravity.value, self.triad.white,
+            track.time, self._rates, *self._bends, when, self._attitude, self.triad.terms,
+            theta, earth, self.bench.gravity.value, self.triad.white,
             temperature.sample_offsets(track, self.triad.sensor),
             rotation_error, columns, drifting, driven, shared,
         )  # fmt: skip
