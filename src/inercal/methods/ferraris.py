@@ -28,8 +28,7 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.uncertainty import propagate
-from inercal.methods import estimator_inputs
-from inercal.methods._base import Method
+from inercal.methods import Method, estimator_inputs
 from inercal.methods.hand_likelihood import ml
 from inercal.methods.likelihood_tests import with_problem_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE

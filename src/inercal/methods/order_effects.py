@@ -24,7 +24,7 @@ from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches import Hand
 from inercal.benches.hand.bench import visit_number
 from inercal.calibration.detectability import CRITICAL_SHIFT, DETECTABLE_NORM
-from inercal.methods._base import Fit, Remarks
+from inercal.methods import Fit, Remarks
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor

@@ -30,7 +30,7 @@ from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, is_tilted, planar_plan
 from inercal.estimation import Estimate, Gaussian, NullDirection
-from inercal.methods._base import Fit, Method, Remarks
+from inercal.methods import Fit, Method, Remarks
 from inercal.methods.estimator_inputs import (
     refuse_priors,
     refuse_temperature_terms,

@@ -56,9 +56,8 @@ from inercal.benches.dividing_head.covariance import bench_covariance, reading_s
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
 from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.uncertainty.propagation import value_and_jacobian
-from inercal.methods import dividing_head_problem, estimator_inputs, solving
+from inercal.methods import Method, dividing_head_problem, estimator_inputs, solving
 from inercal.methods import tumble_harmonics as harmonics
-from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import notes as notes_on_sums
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed

@@ -38,8 +38,7 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
 from inercal.estimation import Estimate, Gaussian, least_squares
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import estimator_inputs, solving
-from inercal.methods._base import Fit, Method, Remarks
+from inercal.methods import Fit, Method, Remarks, estimator_inputs, solving
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
 from inercal.methods.centrifuge_norm.problems import exact_bench_norm_problem, norm_problem, problem

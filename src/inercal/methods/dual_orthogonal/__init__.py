@@ -41,8 +41,7 @@ from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.estimation import Estimate, Gaussian, least_squares
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import dividing_head_problem
-from inercal.methods._base import Method
+from inercal.methods import Method, dividing_head_problem
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal import patent_estimator as four
 from inercal.methods.dual_orthogonal.g_squared import MOUNTING_ANGLES

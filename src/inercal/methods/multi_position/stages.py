@@ -29,7 +29,12 @@ from inercal.estimation import (
     ScoreTestSet,
     least_squares,
 )
-from inercal.methods.multi_position.rest_candidates import candidates
+from inercal.methods.multi_position.rest_candidates import (
+    candidates,
+    component_candidates,
+    rest_changes,
+    step_candidates,
+)
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.methods.multi_position.row_whitening import (
     NORM_ROW,
@@ -40,11 +45,6 @@ from inercal.methods.multi_position.row_whitening import (
     row_covariance,
     whitener,
     whitener_with_drift,
-)
-from inercal.methods.multi_position.within_rest_changes import (
-    component_candidates,
-    rest_changes,
-    step_candidates,
 )
 from inercal.physics.sensors import G0
 

@@ -57,8 +57,7 @@ from inercal.benches.rate_platform.sections import (
     whole_turns,
 )
 from inercal.estimation import Estimate, Gaussian, Problem
-from inercal.methods import estimator_inputs, mean_problem, solving
-from inercal.methods._base import Method
+from inercal.methods import Method, estimator_inputs, mean_problem, solving
 from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.likelihood_tests import with_problem_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed

@@ -35,8 +35,7 @@ from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
 from inercal.estimation import Estimate, Gaussian, Problem, least_squares
-from inercal.methods import solving
-from inercal.methods._base import Method
+from inercal.methods import Method, solving
 from inercal.methods.estimator_inputs import refuse_priors, require_matching_rows
 from inercal.methods.observability import require_observed
 from inercal.methods.ship_consistency import (

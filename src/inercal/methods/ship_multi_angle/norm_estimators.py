@@ -24,15 +24,13 @@ from inercal.methods.ship_multi_angle.free_norm_directions import (
     starting_point,
     undetermined_rotations,
 )
-from inercal.methods.ship_multi_angle.global_search import (
+from inercal.methods.ship_multi_angle.norm_equations import (
     Generation,
     SearchOptions,
     SearchResult,
-    search,
-)
-from inercal.methods.ship_multi_angle.norm_equations import (
     axis_columns,
     norm_observations,
+    search,
     tilted_rows,
 )
 from inercal.methods.ship_planar import affine_estimate

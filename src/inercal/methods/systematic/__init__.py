@@ -21,11 +21,10 @@ from inercal.benches.turntable.paths import systematic_plan
 from inercal.benches.turntable.still_table import StillTable
 from inercal.calibration.forms import Frame
 from inercal.estimation import Estimate, Gaussian
-from inercal.methods._base import Method
+from inercal.methods import Method
 from inercal.methods.systematic.coefficient_rules import require_determined
-from inercal.methods.systematic.filter_estimators import solve_by_filter
+from inercal.methods.systematic.filter_estimators import sequential, solve_by_filter
 from inercal.methods.systematic.generalised_least_squares import LAG, solve
-from inercal.methods.systematic.live_filter import sequential
 from inercal.methods.systematic.remarks import remarks
 from inercal.methods.systematic.segments import (
     rest_change_test,

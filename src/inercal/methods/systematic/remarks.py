@@ -31,7 +31,7 @@ from inercal.basics.units import format_quantity, format_value_and_uncertainty
 from inercal.benches.report_data import Panel, Plot, Series
 from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods._base import Fit, Remarks
+from inercal.methods import Fit, Remarks
 from inercal.methods.systematic.generalised_least_squares import LAG, estimated_attitudes
 from inercal.methods.systematic.navigation import earth_rate
 from inercal.methods.systematic.segments import Segments, rest_change_deviations, segments_of_track

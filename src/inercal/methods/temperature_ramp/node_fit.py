@@ -20,8 +20,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate, Gaussian
-from inercal.methods.temperature_ramp.ramp_fit import solve_ramp
-from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
+from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, solve_ramp
 from inercal.methods.temperature_ramp.thermometer_steps import is_one_exponential
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings.environment import Environment

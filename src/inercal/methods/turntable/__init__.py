@@ -14,7 +14,7 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.units import format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import Estimate
-from inercal.methods._base import Fit, Kind, Remarks
+from inercal.methods import Fit, Kind, Remarks
 from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track

@@ -36,8 +36,7 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
 from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.estimation import least_squares as solve
-from inercal.methods import mean_problem
-from inercal.methods._base import Method
+from inercal.methods import Method, mean_problem
 from inercal.methods.observability import require_observed
 from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, remarks
 from inercal.methods.turntable.drift import covariance_of_means

@@ -34,8 +34,7 @@ from inercal.benches.turntable.paths import path_by_name as named_path
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.estimation import Gaussian
-from inercal.methods import turntable
-from inercal.methods._base import Fit, Method, PartialEstimate, Remarks
+from inercal.methods import Fit, Method, PartialEstimate, Remarks, turntable
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman.combined_estimate import (
     estimate_by_filters,

@@ -23,8 +23,7 @@ from inercal.benches.turntable.paths import path_by_name
 from inercal.estimation import Candidate, Estimate, Gaussian, ModelTest, Problem
 from inercal.estimation import least_squares as solve
 from inercal.estimation.innovations import epoch_groups, group_innovations, residual_mean_test
-from inercal.methods import mean_problem, temperature
-from inercal.methods._base import Method
+from inercal.methods import Method, mean_problem, temperature
 from inercal.methods.turntable import (
     DEFAULT_COEFFICIENTS,
     FURTHER_COEFFICIENTS,
