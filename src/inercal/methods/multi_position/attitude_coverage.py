@@ -233,7 +233,7 @@ def require_coverage(rests: Rests, priors: Sequence[Gaussian]) -> None:
         G0,
         GeometryErrors(),
         target_deviation=_TARGET_DEVIATION,
-        max_attitudes=_attitude_count(len(ups), a),
+        max_attitudes=max(a + 3 - len(ups), 4),  # the missing rests, and 4 at least
     )
     raise NotObserved(
         f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
@@ -263,11 +263,6 @@ def geometry_information(rests: Rests, priors: Sequence[Gaussian]) -> Array:
         known = known * rests.sensor.unit_scale
         information += known.T @ known
     return information
-
-
-def _attitude_count(rests: int, coefficients: int) -> int:
-    """Return how many attitudes to name: the number of missing rests, and 4 at least."""
-    return max(coefficients + 3 - rests, 4)
 
 
 def _coverage_gaps(rests: Rests, ups: Array) -> str:

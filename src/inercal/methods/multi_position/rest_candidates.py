@@ -93,12 +93,8 @@ def candidates(rests: Rests, rows: ResidualRows, x: Array) -> Iterator[Candidate
 
 def _tested(sensor: Sensor, kind: str) -> tuple[str, ...]:
     """Return the groups of coefficients that are candidates; of the square of g beside g alone."""
-    squares = kind == "w" and _estimates(sensor, "g")
+    squares = kind == "w" and "g" in {sensor.coefficient(n).group for n in sensor.coefficients}
     return (*_TESTED_GROUPS[kind], *(("g2",) if squares else ()))
-
-
-def _estimates(sensor: Sensor, group: str) -> bool:
-    return any(_in_group(group, sensor, full) for full in sensor.coefficients)
 
 
 def _extended_sensor(sensor: Sensor, more: tuple[str, ...]) -> Sensor:
@@ -121,9 +117,8 @@ def _coefficient_candidates(
         name = CoefficientName(full).axis
         axis = next(k for k, one in enumerate(sensor.axes) if one.name == name)
         measures = sensor.axes[axis].measures
-        if full in sensor.coefficients or not any(
-            _in_group(word, larger, full) for word in (*_tested(sensor, measures), *more)
-        ):
+        tested = (*_tested(sensor, measures), *more)
+        if full in sensor.coefficients or larger.coefficient(full).group not in tested:
             continue
         alone = replace(sensor, axes=(sensor.axes[axis],), coefficients=(full,))
 
@@ -143,10 +138,6 @@ def _coefficient_candidates(
             kinds.setdefault(kind, []).append(coefficient_column(larger, full, column))
     for (_, kind), own in kinds.items():
         yield from together_and_alone("coefficient", [(kind, own)])
-
-
-def _in_group(word: str, sensor: Sensor, full: str) -> bool:
-    return sensor.coefficient(full).group == word
 
 
 def _reading_column(rests: Rests, enter: Array, axis: int, size: Array) -> Array:

@@ -200,32 +200,27 @@ def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
     def whiten(force: ScatterModel, columns: Array) -> Array:
         return whitener(rests, rows, Scatter(force))(columns)
 
-    chi2 = chi_squared(rows.residual, jacobian, lambda a: whiten(ScatterModel(), a))
-    found = fit_scatter(
-        rows.residual,
-        jacobian,
-        whiten,
-        dof,
-        least=rests.rounding_share[0],
-        stated=rests.noise_is_stated,
-    )
-    return ScatterStatistics(chi2, dof, found)
+    return _statistics(rests, rows.residual, jacobian, whiten, dof, rests.rounding_share[0])
 
 
 def rate_scatter(rests: Rests, rows: ResidualRows, shown: Places) -> ScatterStatistics:
     """Return the statistics of the rates at rest, which determine the places `shown` of x."""
     residual, jacobian = _rate_rows(rests, rows, shown)
-    whiten = _rate_whitener(rests)
     dof = max(len(residual) - shown.size, 0)
+    whiten = _rate_whitener(rests)
+    return _statistics(rests, residual, jacobian, whiten, dof, rests.rounding_share[1])
+
+
+def _statistics(
+    rests: Rests,
+    residual: Array,
+    jacobian: Array,
+    whiten: Callable[[ScatterModel, Array], Array],
+    dof: int,
+    least: float,
+) -> ScatterStatistics:
     chi2 = chi_squared(residual, jacobian, lambda a: whiten(ScatterModel(), a))
-    found = fit_scatter(
-        residual,
-        jacobian,
-        whiten,
-        dof,
-        least=rests.rounding_share[1],
-        stated=rests.noise_is_stated,
-    )
+    found = fit_scatter(residual, jacobian, whiten, dof, least=least, stated=rests.noise_is_stated)
     return ScatterStatistics(chi2, dof, found)
 
 
@@ -251,7 +246,8 @@ def rotation_scatter(
     dof = max(rows.rotations.residual.size - (fitted.size - shown.size), 0)
 
     def others(known: Scatter) -> float:
-        own, white = _norm_deviations(rests, rows, known), _rate_whitener(rests)
+        variance = row_covariance(rests, rows, known).rests[:, NORM_ROW, NORM_ROW]
+        own, white = np.sqrt(variance), _rate_whitener(rests)
         return chi_squared(
             rows.norm.residual, rows.norm.jacobian[:, :-1], lambda a: a / own[:, None]
         ) + chi_squared(*_rate_rows(rests, rows, shown), lambda a: white(known.rate, a))
@@ -275,11 +271,6 @@ def rotation_scatter(
         # it.
         found = ScatterModel(share=beside(scatter.shares).share)
     return ScatterStatistics(max(chi2, 0.0), dof, found)
-
-
-def _norm_deviations(rests: Rests, rows: ResidualRows, scatter: Scatter) -> Array:
-    """Return the standard deviations of the norms, (r,) m/s²."""
-    return np.sqrt(row_covariance(rests, rows, scatter).rests[:, NORM_ROW, NORM_ROW])
 
 
 def _rate_rows(rests: Rests, rows: ResidualRows, shown: Places) -> tuple[Array, Array]:

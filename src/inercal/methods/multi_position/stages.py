@@ -120,7 +120,8 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     free = np.setdiff1d(_free_indices(rests), [*range(p), count])
     # The clock's error has its own row, its prior: it takes no degree of freedom.
     fitted = np.setdiff1d(free, [count + KNOWN_QUANTITIES.index("timebase")])
-    still = np.array([k for k in own.tolist() if not _needs_rotation(rests, k)], dtype=np.int64)
+    lines = [sensor.coefficient(name) for name in sensor.coefficients[p:]]
+    still = own[[not line.basis.uses("wi", "wp", "wo") for line in lines]]  # need no turn
     x = first.x.copy()
     rows = rests.rows(x)
     r, k = len(rows.norm.residual), len(rests.transitions.rest)
@@ -181,12 +182,6 @@ def _free_indices(rests: Rests) -> Places:
     """Return the places in x of all coefficients and of what else is not exact."""
     loose = [known.sd > _EXACT_LIMIT for known in rests.known_quantities]
     return np.flatnonzero([True] * len(rests.sensor.coefficients) + loose)
-
-
-def _needs_rotation(rests: Rests, place: int) -> bool:
-    """Return whether a coefficient needs turns to be seen."""
-    line = rests.sensor.coefficient(rests.sensor.coefficients[place])
-    return line.basis.uses("wi", "wp", "wo")
 
 
 def _fit(

@@ -108,17 +108,7 @@ def time_mean(values: Array, time: Array, axis: int) -> Array:
     return np.asarray(result, dtype=float) / (time[-1] - time[0])
 
 
-@dataclass(frozen=True, eq=False)
-class RowMeans:
-    """Means of one row: f and ω, (..., 3), and how they move with the bench's parameters."""
-
-    f: Array
-    w: Array
-    df: Mapping[str, Array]
-    dw: Mapping[str, Array]
-
-
-def row_means(bench: Turntable, way: AxisAngles) -> RowMeans:
+def row_means(bench: Turntable, way: AxisAngles) -> MeanMotion:
     """Return the sensed motion in one row with the bench as its readback says.
 
     Raises
@@ -155,13 +145,12 @@ def row_means(bench: Turntable, way: AxisAngles) -> RowMeans:
         w = w + turned
     names = [q.name for q in seen.parameters]
     df = {name: by_f[..., j] for j, name in enumerate(names)} | {"g": f / bench.gravity.value}
-    return RowMeans(f, w, df, dw | {name: by_w[..., j] for j, name in enumerate(names)})
+    dw |= {name: by_w[..., j] for j, name in enumerate(names)}
+    return MeanMotion(Motion(f, w), df, dw)
 
 
-def stack_row_means(
-    bench: Turntable, ways: Sequence[AxisAngles]
-) -> tuple[Motion, dict[str, Array], dict[str, Array]]:
-    """Return all rows: the motion, (..., r, 3), ∂f and ∂ω by the bench's parameters.
+def stack_row_means(bench: Turntable, ways: Sequence[AxisAngles]) -> MeanMotion:
+    """Return the motion of all rows, (..., r, 3), with ∂f and ∂ω by the bench's parameters.
 
     Raises
     ------
@@ -178,28 +167,22 @@ def stack_row_means(
     names = dict.fromkeys(name for one in result for name in one.dw)
     dw = {n: stacked([one.dw.get(n, zero) for one in result]) for n in names}
     motion = Motion(stacked([one.f for one in result]), stacked([one.w for one in result]))
-    return motion, df, dw
+    return MeanMotion(motion, df, dw)
 
 
-def sensed_motion(
-    bench: Turntable,
-    motion: Motion,
-    df: Mapping[str, Array],
-    dw: Mapping[str, Array],
-    q: Mapping[str, Array],
-) -> MeanMotion:
+def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array]) -> MeanMotion:
     """Return the sensed motion with the bench's parameters at q, to first order in their errors.
 
     Parameters
     ----------
     bench : Turntable
-    motion, df, dw
+    nominal : MeanMotion
         As of `stack_row_means`.
     q : mapping of str to (...) array
         Values by name, SI; those missing are as declared.
     """
     known = declared_parameters(bench)
-    f, w = motion.f, motion.w
+    f, w, df, dw = nominal.f, nominal.w, nominal.df, nominal.dw
     for name in (one for one in {**df, **dw} if one in q):
         # The readback is not corrected for its stated delay, so the whole delay is an error.
         off = q[name] - (0.0 if name == "latency" else known[name].value)
@@ -273,13 +256,14 @@ def problem(
     priors : sequence of Gaussian
         On coefficients.
     """
-    motion, df, dw = stack_row_means(bench, row_angles)
-    known = {n: p for n, p in declared_parameters(bench).items() if n in df or n in dw}
+    nominal = stack_row_means(bench, row_angles)
+    acting = {*nominal.df, *nominal.dw}
+    known = {n: p for n, p in declared_parameters(bench).items() if n in acting}
     whole = mean_problem.problem(
         observations,
         sensor,
         known,
-        lambda q: sensed_motion(bench, motion, df, dw, q),
+        lambda q: sensed_motion(bench, nominal, q),
         priors,
         with_drift_candidate=True,
         families=families(bench),

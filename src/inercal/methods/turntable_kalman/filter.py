@@ -280,9 +280,8 @@ class Filter(ABC, Generic[S]):
     def allocate_steps(self, epochs: int, wanted: Array | None) -> tuple[FilterSteps, Array]:
         """Return arrays for a kernel's steps and for its history; `wanted` as of `advance`."""
         n, kept = len(self.states), 1 if wanted is None else epochs
-        steps = allocate_steps(
-            kept, n, len(self.leading_states), self.rows, _no_sums(n) if wanted is None else wanted
-        )
+        sums = np.zeros((0, n)) if wanted is None else wanted
+        steps = allocate_steps(kept, n, len(self.leading_states), self.rows, sums)
         return steps, np.empty((epochs, self.rows + 1 + 2 * n))
 
     def state_sums(self, names: Sequence[str]) -> Array:
@@ -322,10 +321,6 @@ class Filter(ABC, Generic[S]):
         """
         taken = made.history[:, self.rows] > 0
         return state._replace(nis=nis, dof=state.dof + int(tested[taken].sum()) - free)
-
-
-def _no_sums(n: int) -> Array:
-    return np.zeros((0, n))
 
 
 @dataclass

@@ -45,10 +45,6 @@ def parameters(bench: Turntable) -> tuple[Parameter, ...]:
     return tuple(q for q in bench.parameters if q.sd > 0 and not q.name.startswith("lever_"))
 
 
-def _departure(parameter: Parameter, q: Mapping[str, float]) -> float:
-    return q[parameter.name] - parameter.value
-
-
 @dataclass(frozen=True, eq=False)
 class RotationRows:
     """The gyros of one trial against the readback.
@@ -145,7 +141,7 @@ class RotationRows:
         result[:, :, 0] = rotation_error
         for k, one in enumerate(self.table):
             if one.name not in ("latency", "clock"):  # the reference has those in it
-                result[:, :, 0] -= result[:, :, 1 + p + k] * _departure(one, q)
+                result[:, :, 0] -= result[:, :, 1 + p + k] * (q[one.name] - one.value)
         drift, variance = self.triad.drift, track.angle_variance(self.bench.white**2)
         lost = self._increments_across_gaps(when)
         # Beside a gap no sample belongs to two increments that are used.
@@ -340,7 +336,7 @@ class StaticRows:
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return whitened residual, Jacobian and the mean drift; as of `RotationRows`."""
-        off = np.array([_departure(one, q) for one in self.table])
+        off = np.array([q[one.name] - one.value for one in self.table])
         motion = Motion(self.sensed_force + self.by @ off)
         if self.temperature_offset is not None:
             motion = replace(motion, dT=self.temperature_offset)
