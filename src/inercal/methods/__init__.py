@@ -182,6 +182,11 @@ def _mount_frame(bench: object) -> "Frame":
     return "mount"
 
 
+def triangular_frame(bench: object) -> "Frame":
+    """Return the frame of a method without a mounting: the accelerometers' own."""
+    return "triangular"
+
+
 @dataclass(frozen=True)
 class Method(Generic[Bench, Step]):
     """A way to calibrate.

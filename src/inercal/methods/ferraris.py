@@ -30,8 +30,7 @@ from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.uncertainty import propagate
 from inercal.methods import Method, estimator_inputs
 from inercal.methods.hand_likelihood import ml
-from inercal.methods.likelihood_tests import with_problem_tests
-from inercal.methods.observability import NOISE_ONLY_NOTE
+from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
 from inercal.methods.order_effects import order_remarks
 from inercal.physics.plan import HandStep, Turn, ferraris_plan
 from inercal.physics.sensors import Sensor
@@ -54,9 +53,7 @@ def classical(
     NotObserved
         A position or a turn is missing.
     """
-    estimator_inputs.refuse_priors(priors, "classical", "ml")
-    estimator_inputs.refuse_temperature_terms(sensor, "classical", "ml")
-    estimator_inputs.require_single_recording(observations, "estimator classical")
+    estimator_inputs.require_plain_means(observations, sensor, priors, "classical", "ml")
     if missing := tuple(step.label for step in steps if step.label not in observations.labels):
         raise NotObserved(
             "estimator classical needs every position and turn; missing from the recording: "
@@ -70,12 +67,7 @@ def classical(
             f"{', '.join(again)} too; use estimator ml",
             names=again,
         )
-    if sensor.form != "reference":
-        raise InputError(
-            'estimator classical estimates the reference form; set [sensor] form = "reference", '
-            "or use estimator ml",
-            key="[sensor] form",
-        )
+    estimator_inputs.refuse_tilted_form(sensor, "classical", "ml")
     if not sensor.select_axes("f").axes:
         raise InputError(
             "estimator classical needs accelerometers, and the sensor has none; use estimator ml",
@@ -97,11 +89,7 @@ def classical(
 
     flat = observations.mean.ravel()
     value, spread = propagate(formulas, flat, observations.full_covariance)
-    information = np.linalg.inv(spread / np.outer(sensor.unit_scale, sensor.unit_scale))
-    singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
-    found = Estimate.from_closed_form(
-        sensor.coefficients, value, spread, singular, (NOISE_ONLY_NOTE,)
-    )
+    found = noise_only_estimate(sensor, value, spread)
     return with_problem_tests(found, ml(observations, sensor, bench, steps))
 
 

@@ -157,12 +157,7 @@ def fourier(
             key="[method]",
             names=others,
         )
-    if sensor.form != "reference":
-        raise InputError(
-            'estimator fourier estimates the reference form; set [sensor] form = "reference", or '
-            "use estimator least_squares",
-            key="[sensor] form",
-        )
+    estimator_inputs.refuse_tilted_form(sensor, "fourier", "least_squares")
     harmonics.require_even_spacing(angle)
     matrix = harmonics.harmonic_basis(angle, harmonics.harmonic_names(terms))
     harmonics.require_distinct_harmonics(sensor, terms, matrix, angle)

@@ -230,9 +230,7 @@ class ClosedFormulas:
         NotObserved
             Dwells that leave the regression short of rank.
         """
-        estimator_inputs.refuse_priors(priors, self.name, "ml")
-        estimator_inputs.refuse_temperature_terms(sensor, self.name, "ml")
-        estimator_inputs.require_single_recording(observations, f"estimator {self.name}")
+        estimator_inputs.require_plain_means(observations, sensor, priors, self.name, "ml")
         mean = observations.mean
         singular = closed_formulas.regression_singular_values(sensor, mean, self.name)
         declared = bench.acting_parameters(steps, vectors=False)

@@ -39,11 +39,10 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.run_file_advice import Change
 from inercal.basics.units import Measured, format_value_and_uncertainty
 from inercal.benches import Hand
-from inercal.calibration.forms import Frame
 from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import Fit, Method, Remarks, temperature
+from inercal.methods import Fit, Method, Remarks, temperature, triangular_frame
 from inercal.methods.multi_position.attitude_coverage import (
     GeometryErrors,
     attitudes_in_words,
@@ -165,10 +164,6 @@ def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) ->
         tests=rests.observations.tests,
         scoring=LazyValue(lambda: score_tests(rests, last, priors)),
     )
-
-
-def _frame(bench: Hand) -> Frame:
-    return "triangular"  # without a mounting, the accelerometers' own
 
 
 def _remarks(fit: Fit[Hand, Any]) -> Remarks:
@@ -376,6 +371,6 @@ METHOD = Method(
     estimators={"joint": joint, "sequential": sequential},
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
     unknown_attitudes=True,
-    frame=_frame,
+    frame=triangular_frame,  # without a mounting, the accelerometers' own
     remarks=_remarks,
 )

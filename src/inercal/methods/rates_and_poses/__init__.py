@@ -58,9 +58,8 @@ from inercal.benches.rate_platform.sections import (
 )
 from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.methods import Method, estimator_inputs, mean_problem, solving
-from inercal.methods.estimator_inputs import require_matching_rows
-from inercal.methods.likelihood_tests import with_problem_tests
-from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
+from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
+from inercal.methods.observability import require_observed
 from inercal.methods.rates_and_poses.plan_structure import require_determined
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, Sensor
@@ -79,7 +78,6 @@ _TILTED = (
 )
 _POSES = {"none": (), "faces": _FACES, "tilted": _TILTED}
 _NOTHING = 1e-6  # of g, or of 1 rad/s
-NAME = "estimator ieee"
 
 
 def plan(
@@ -193,27 +191,6 @@ def without_signs(whole: Problem, sensor: Sensor, unsigned: NDArray[np.bool_]) -
     return replace(whole, linearise=linearise, normal_equations=None)
 
 
-def refuse_priors_and_form(
-    observations: Observations, sensor: Sensor, priors: Sequence[Gaussian]
-) -> None:
-    """Refuse what the evaluation cannot use.
-
-    Raises
-    ------
-    InputError
-        Priors, coefficients of temperature, the tilted form, or a trial axis.
-    """
-    estimator_inputs.refuse_priors(priors, "ieee", "ml")
-    estimator_inputs.refuse_temperature_terms(sensor, "ieee", "ml")
-    estimator_inputs.require_single_recording(observations, NAME)
-    if sensor.form != "reference":
-        raise InputError(
-            f'{NAME} estimates the reference form; set [sensor] form = "reference", or use '
-            "estimator ml",
-            key="[sensor] form",
-        )
-
-
 def least_squares_line(
     observations: Observations,
     sensor: Sensor,
@@ -243,11 +220,7 @@ def least_squares_line(
     inverse = np.linalg.pinv(design / sensor.unit_scale) / sensor.unit_scale[:, None]
     noise = observations.full_covariance[np.ix_(used, used)]
     spread = inverse @ noise @ inverse.T
-    information = np.linalg.inv(spread / np.outer(sensor.unit_scale, sensor.unit_scale))
-    singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
-    return Estimate.from_closed_form(
-        sensor.coefficients, inverse @ off, spread, singular, (NOISE_ONLY_NOTE,)
-    )
+    return noise_only_estimate(sensor, inverse @ off, spread)
 
 
 def ml(
@@ -281,7 +254,7 @@ def ml(
     observations = observations.without_drift()
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
-    require_matching_rows(observations, sensor, done)
+    estimator_inputs.require_matching_rows(observations, sensor, done)
     declared, suspects = bench.nuisances(done, sensor), bench.suspects(done, sensor)
     _refuse_profiles(sensor, done)
     used = _used_readings(sensor, done)
@@ -323,7 +296,8 @@ def ieee(
     NotObserved
         As of `ml`.
     """
-    refuse_priors_and_form(observations, sensor, priors)
+    estimator_inputs.require_plain_means(observations, sensor, priors, "ieee", "ml")
+    estimator_inputs.refuse_tilted_form(sensor, "ieee", "ml")
     by_problem = ml(observations, sensor, bench, steps)
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]

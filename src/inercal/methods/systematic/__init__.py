@@ -19,9 +19,8 @@ from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import systematic_plan
 from inercal.benches.turntable.still_table import StillTable
-from inercal.calibration.forms import Frame
 from inercal.estimation import Estimate, Gaussian
-from inercal.methods import Method
+from inercal.methods import Method, triangular_frame
 from inercal.methods.systematic.coefficient_rules import require_determined
 from inercal.methods.systematic.filter_estimators import sequential, solve_by_filter
 from inercal.methods.systematic.generalised_least_squares import LAG, solve
@@ -75,10 +74,6 @@ def batch(
         lambda samples: solve(shift_forces(segments, samples), sensor, known, priors), segments.dt
     )
     return replace(estimate, tests=(*estimate.tests, rest_change_test(segments, sensor)))
-
-
-def _triangular(bench: Turntable) -> Frame:
-    return "triangular"
 
 
 def kalman(
@@ -150,7 +145,7 @@ METHOD = Method(
     estimators={"batch": batch, "kalman": kalman},
     sequential=sequential,
     final_by_recording=True,
-    frame=_triangular,
+    frame=triangular_frame,
     remarks=remarks,
     without_angles=True,
     source="Camberlein and Mangeret; Savage 2000; generalised least squares (Aitken 1935)",

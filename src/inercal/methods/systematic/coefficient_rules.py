@@ -70,12 +70,14 @@ def require_determined(
         return
     names = tuple(n for n in chosen if CoefficientName(n).term in _ALIKE)
     if names:
-        axis, term = CoefficientName(names[0]).parts
+        partners = [
+            f"{axis}.{_ALIKE[term]}" for axis, term in (CoefficientName(n).parts for n in names)
+        ]
         raise NotObserved(
             f"all rests are within 15° of the faces of a cube, where {', '.join(names)} cannot be "
-            f"told from {axis}.{_ALIKE[term]} (forces are gravity or zero): add rests at 45°, or "
+            f"told from {partners[0]} (forces are gravity or zero): add rests at 45°, or "
             "state a prior ([method.prior])",
-            tuple(f"{name} and {_partner(name)}" for name in names),
+            tuple(f"{name} and {other}" for name, other in zip(names, partners, strict=True)),
             names=names,
         )
 
@@ -113,11 +115,6 @@ def require_turns(attitudes: Array, sensor: Sensor, priors: Sequence[Gaussian]) 
             tuple(names),
             names=tuple(names),
         )
-
-
-def _partner(name: str) -> str:
-    axis, term = CoefficientName(name).parts
-    return f"{axis}.{_ALIKE[term]}"
 
 
 def _refuse_gauge(chosen: Sequence[str], gauge: Sequence[str], what: str, reason: str) -> None:

@@ -213,23 +213,12 @@ def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
     return found
 
 
-def _steepest_axis(model: RampModel, x: Array) -> int:
-    """Return the axis on which an error of the lag acts most, in units of its noise."""
-    axes = range(len(model.sensor.axes))
-    return max(axes, key=lambda k: model.largest_shift(x, k, in_noise=True))
-
-
-def _largest_shift(model: RampModel, x: Array, k: int) -> float:
-    """Return what a second of lag shifts the bias of an axis at most, in its unit."""
-    return model.largest_shift(x, k) / BIAS_UNITS[model.sensor.axes[k].measures][0]
-
-
 def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
     """Return what the lag is, and what it and the random walk of the bias add."""
-    blocks, k = model.blocks, _steepest_axis(model, x)
+    blocks, k = model.blocks, model.steepest_axis(x)
     axis = model.sensor.axes[k]
     size, unit = BIAS_UNITS[axis.measures]
-    shift = _largest_shift(model, x, k)
+    shift = model.largest_shift(x, k)
     walk = axis.noise.random_walk * float(np.sqrt(blocks.time[-1])) / size
     fastest = 60 * float(np.abs(blocks.rate).max())
     if LAG in model.nuisances:
@@ -274,13 +263,13 @@ def _step_notes(model: RampModel, environment: Environment | None) -> list[str]:
 
 
 def _one_way_finding(model: RampModel, x: Array) -> Finding:
-    k = _steepest_axis(model, x)
+    k = model.steepest_axis(x)
     axis = model.sensor.axes[k]
     return Finding(
         "warning",
         "one_way",
         f"the temperature goes one way: b(T) is shifted by b′ Ṫ τ, "
-        f"{_largest_shift(model, x, k):.2g} {BIAS_UNITS[axis.measures][1]} a second of lag on "
+        f"{model.largest_shift(x, k):.2g} {BIAS_UNITS[axis.measures][1]} a second of lag on "
         f"{axis.name}, unless τ is known; go up and down, or state [environment] lag",
     )
 

@@ -110,10 +110,9 @@ def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
             "the warm-up had already become one exponential: start recording before the "
             "temperature changes; "
         )
-    k = max(range(len(model.sensor.axes)), key=lambda k: model.largest_shift(x, k, in_noise=True))
+    k = model.steepest_axis(x)
     axis = model.sensor.axes[k]
-    size, unit = BIAS_UNITS[axis.measures]
-    shift = model.largest_shift(x, k) / size
+    shift, unit = model.largest_shift(x, k), BIAS_UNITS[axis.measures][1]
     return NotObserved(
         f"not observed: lag, the time by which the thermometer is behind. It reports steps of "
         f"{crossings.step:.3g} K{one_way}, and without lag χ² is larger "

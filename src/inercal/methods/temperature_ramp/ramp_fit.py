@@ -31,6 +31,7 @@ from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings import Observations
 from inercal.recordings.environment import Environment
 
@@ -104,10 +105,18 @@ class RampModel(NamedTuple):
         """Return db/dT of axis k at the blocks, (b,) SI per K."""
         return self._of_axis(x, k)[1]
 
-    def largest_shift(self, x: Array, k: int, *, in_noise: bool = False) -> float:
-        """Return what a second of lag shifts the bias of axis k at most, SI or in its noise."""
-        shift = self.slope(x, k) * self.blocks.rate
-        return float(np.abs(self.whitening[k] @ shift if in_noise else shift).max())
+    def largest_shift(self, x: Array, k: int) -> float:
+        """Return what a second of lag shifts the bias of axis k at most, in its unit."""
+        size, _ = BIAS_UNITS[self.sensor.axes[k].measures]
+        return float(np.abs(self.slope(x, k) * self.blocks.rate).max()) / size
+
+    def steepest_axis(self, x: Array) -> int:
+        """Return the axis on which an error of the lag acts most, in units of its noise."""
+        shifts = [
+            np.abs(whitening @ (self.slope(x, k) * self.blocks.rate)).max()
+            for k, whitening in enumerate(self.whitening)
+        ]
+        return int(np.argmax(shifts))
 
     def residual(self, x: Array) -> Array:
         """Return the readings less those of the model, (b, m) SI."""
@@ -209,8 +218,15 @@ def fit_ramp(model: RampModel, priors: Sequence[Gaussian], environment: Environm
     """
     rows = model.blocks.time.size * len(model.sensor.axes)
     lag = 0.0 if environment.lag is None else environment.lag.value
-    tests = ramp_candidates(model)
-    return solve_ramp(model, priors, environment, model.linearise, rows, lag, candidates=tests)
+
+    def candidates(x: Array) -> list[Candidate]:
+        return [
+            *_coefficient_candidates(model, x),
+            *_drift_candidates(model),
+            *_warm_up_candidates(model, x),
+        ]
+
+    return solve_ramp(model, priors, environment, model.linearise, rows, lag, candidates)
 
 
 def solve_ramp(
@@ -270,19 +286,6 @@ def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussia
         value, sd = (0.0, WIDEST_LAG) if stated is None else (stated.value, stated.sd)
         result.append(Gaussian.independent((LAG,), [value], [sd]))
     return result
-
-
-def ramp_candidates(model: RampModel) -> Callable[[Array], Sequence[Candidate]]:
-    """Return what `Problem.candidates` takes."""
-
-    def candidates(x: Array) -> list[Candidate]:
-        return [
-            *_coefficient_candidates(model, x),
-            *_drift_candidates(model),
-            *_warm_up_candidates(model, x),
-        ]
-
-    return candidates
 
 
 def _column(model: RampModel, k: int, values: Array) -> Array:
