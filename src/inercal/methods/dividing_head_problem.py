@@ -1,19 +1,18 @@
 """Readings against the angle of a dividing head: its errors are nuisances, or it is exact."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.parameters import Parameter
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
 from inercal.estimation import Gaussian, Problem
-from inercal.methods import candidates, mean_problem
+from inercal.methods import mean_problem
 from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
@@ -71,18 +70,6 @@ def problem(
     exact : bool
         Whether the bench is taken at its declared values, without nuisances.
     """
-    declared = {} if exact else bench.nuisances(steps, sensor)
-
-    def built(sensor: Sensor, bench: DividingHead, declared: Mapping[str, Parameter]) -> Problem:
-        return mean_problem.problem(
-            observations,
-            sensor,
-            declared,
-            lambda q: bench.mean_motion(steps, q),
-            reading_columns=_drift_columns(sensor, steps),
-        )
-
-    larger = candidates.extended_sensor(sensor, temperature_varies=observations.temperature_varies)
     wider = replace(
         bench, harmonics=(*bench.harmonics, *[0.0] * (_TESTED_HARMONICS - len(bench.harmonics)))
     )
@@ -91,18 +78,15 @@ def problem(
         for name, parameter in wider.nuisances(steps, sensor).items()
         if name != "lean"  # of second order: its column is that of its own estimate
     }
-    requested = built(sensor, bench, declared)
-    return replace(
-        requested,
-        priors=(*requested.priors, *priors),
-        candidates=candidates.candidate_function(
-            lambda: built(larger, wider, candidates.parameters_with_deviations(suspects)),
-            requested.names,
-            larger,
-            suspects,
-            families=_test_families(sensor, bench, steps),
-            priors=priors,
-        ),
+    return mean_problem.problem(
+        observations,
+        sensor,
+        {} if exact else bench.nuisances(steps, sensor),
+        lambda q: wider.mean_motion(steps, q),
+        priors,
+        reading_columns=_drift_columns(sensor, steps),
+        families=_test_families(sensor, bench, steps),
+        suspects=suspects,
     )
 
 

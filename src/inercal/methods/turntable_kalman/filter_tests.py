@@ -85,7 +85,11 @@ def innovation_test_data(
             0 if gyros else phi,
             None if gyros else made.tested_components,
         )
-        sums = _sums_for_mean_biases(made, track, time, sums)
+        if made.triad.drift.mean_over_run:  # biases are estimated as means over the run
+            end = float(track.time[-1])
+            elapsed = end - float(track.time[0]), end - float(time[-1])
+            by, _ = made.mean_bias_transform(*elapsed)
+            sums = sums._replace(moved=sums.moved + by @ sums.moved)
     if sums is not None and isinstance(made, GyroFilter):
         sums = _sums_for_time_states(made, found, names, sums)
     return InnovationTestData(made.name, time, standard, made.states, names, sums)
@@ -119,17 +123,6 @@ def _columns(
     if isinstance(made, GyroFilter):
         return columns.gyro_columns(at, first, stop)[0]
     return columns.accelerometer_columns(at, first, stop)
-
-
-def _sums_for_mean_biases(
-    made: GyroFilter | AccelerometerFilter, track: Track, time: Array, sums: OmittedSums
-) -> OmittedSums:
-    """Return the sums with biases as means over the run, as they are estimated."""
-    if not (made.triad.drift.mean_over_run and time.size):
-        return sums
-    end = float(track.time[-1])
-    by, _ = made.mean_bias_transform(end - float(track.time[0]), end - float(time[-1]))
-    return sums._replace(moved=sums.moved + by @ sums.moved)
 
 
 def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantColumns) -> Array:
