@@ -17,14 +17,9 @@ from inercal.basics.errors import NotObserved
 from inercal.basics.parameters import Parameter
 from inercal.benches import Hand
 from inercal.estimation import Estimate, Gaussian, Problem
-from inercal.methods import mean_problem, solving
+from inercal.methods import mean_problem, observability, solving
 from inercal.methods.curvature import Curvature, tilt_curvature
 from inercal.methods.mean_problem import ReadingNoise
-from inercal.methods.observability import (
-    not_observed_error,
-    require_bias_scale_separation,
-    require_observed,
-)
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Observations
@@ -79,9 +74,9 @@ def ml(
     try:
         estimate = solving.solve(observations, priors, first, with_curvature)
     except NotObserved as error:
-        raise not_observed_error(sensor, error.directions, missing) from None
-    require_observed(estimate, sensor, missing)
-    require_bias_scale_separation(sensor, done, missing, priors)
+        raise observability.not_observed_error(sensor, error.directions, missing) from None
+    observability.require_observed(estimate, sensor, missing)
+    observability.require_bias_scale_separation(sensor, done, missing, priors)
     return replace(estimate, tests=observations.tests)
 
 

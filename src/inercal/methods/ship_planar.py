@@ -30,19 +30,8 @@ from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, is_tilted, planar_plan
 from inercal.estimation import Estimate, Gaussian, NullDirection
-from inercal.methods import Fit, Method, Remarks
-from inercal.methods.estimator_inputs import (
-    refuse_priors,
-    refuse_temperature_terms,
-    require_matching_rows,
-)
+from inercal.methods import Fit, Method, Remarks, estimator_inputs, ship_consistency
 from inercal.methods.observability import require_observed
-from inercal.methods.ship_consistency import (
-    Consistency,
-    bench_sensitivities,
-    consistency,
-    row_covariance,
-)
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import G0, Sensor
@@ -177,7 +166,7 @@ def affine_estimate(
     residual: Array,
     variance: Array,
     observations: tuple[str, ...],
-    agreement: Consistency,
+    agreement: ship_consistency.Consistency,
     moved: Mapping[str, Array],
     *,
     notes: tuple[str, ...],
@@ -264,10 +253,10 @@ def planar(
     NotObserved
         States that do not excite an axis; the message states the mounting to add.
     """
-    refuse_priors(priors, "planar", "joint of ship_multi_angle")
-    refuse_temperature_terms(sensor, "planar", "joint of ship_multi_angle")
+    estimator_inputs.refuse_priors(priors, "planar", "joint of ship_multi_angle")
+    estimator_inputs.refuse_temperature_terms(sensor, "planar", "joint of ship_multi_angle")
     require_affine_triad(sensor)
-    require_matching_rows(observations, sensor, steps)
+    estimator_inputs.require_matching_rows(observations, sensor, steps)
     rows = [k for k, step in enumerate(steps) if not is_tilted(step)]
     here = [steps[k] for k in rows]
     require_excitation(bench, here)
@@ -275,10 +264,12 @@ def planar(
     a = observations.mean[..., rows, :] / G0
     model, gain = fit_level_states(a, f)
     at = np.array([3 * k + axis for k in rows for axis in range(3)])
-    spread = row_covariance(observations, bench, steps, model.matrix)[..., at, :][..., at]
+    spread = ship_consistency.row_covariance(observations, bench, steps, model.matrix)[..., at, :][
+        ..., at
+    ]
     whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
     whole[..., at] = gain
-    agreement = consistency(observations, sensor, bench, steps, model, whole, rows)
+    agreement = ship_consistency.consistency(observations, sensor, bench, steps, model, whole, rows)
     tilted = len(steps) - len(rows)
     estimate = affine_estimate(
         sensor,
@@ -288,7 +279,7 @@ def planar(
         np.diagonal(spread, axis1=-2, axis2=-1),
         tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
         agreement,
-        bench_sensitivities(bench, steps, whole),
+        ship_consistency.bench_sensitivities(bench, steps, whole),
         notes=(
             *([f"estimator planar does not use the {tilted} tilted states"] if tilted else []),
             "the frame is that of the mountings' nominal axes; the uncertainties include the "

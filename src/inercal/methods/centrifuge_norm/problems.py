@@ -29,11 +29,7 @@ from inercal.estimation import Candidate, Gaussian, Problem
 from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.estimation.problem import NormalEquations
 from inercal.methods import candidates, mean_problem, temperature
-from inercal.methods.centrifuge_norm.rotation_gauge import (
-    gauges,
-    require_gauge,
-    rotation_null_directions,
-)
+from inercal.methods.centrifuge_norm import rotation_gauge
 from inercal.methods.mean_problem import Unknowns
 from inercal.methods.residuals import (
     NoisyNormResiduals,
@@ -83,7 +79,7 @@ def norm_problem(
     InputError
         Lever arms, with a step of unknown attitude.
     """
-    require_gauge(sensor, priors)
+    rotation_gauge.require_gauge(sensor, priors)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     declared = bench.acting_parameters(steps, vectors=turning)
     built = _ungauged_norm_problem(observations, sensor, bench, steps, declared, priors)
@@ -110,8 +106,8 @@ def norm_problem(
 
     return replace(
         built,
-        gauges=gauges(sensor),
-        known_nulls=rotation_null_directions(sensor, len(built.names)),
+        gauges=rotation_gauge.gauges(sensor),
+        known_nulls=rotation_gauge.rotation_null_directions(sensor, len(built.names)),
         candidates=all_candidates,
     )
 
@@ -336,7 +332,7 @@ def vector_problem(
         lambda q: sensed_motion(bench, steps, q),
         priors,
         dwell_covariance=dwells if own else None,
-        gauges=gauges(sensor),
+        gauges=rotation_gauge.gauges(sensor),
         with_drift_candidate=True,
         families=_nonorthogonality_family(sensor)
         | {"misalignment": sensor.with_coefficients("misalignment").coefficients},

@@ -43,6 +43,7 @@ from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Method, Remarks, temperature, triangular_frame
+from inercal.methods.multi_position import stages
 from inercal.methods.multi_position.attitude_coverage import (
     GeometryErrors,
     attitudes_in_words,
@@ -52,14 +53,6 @@ from inercal.methods.multi_position.attitude_coverage import (
 )
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
-from inercal.methods.multi_position.stages import (
-    FitStage,
-    fit_accelerometers,
-    fit_gyros,
-    fit_jointly,
-    score_tests,
-    with_shared_drift,
-)
 from inercal.methods.observability import require_observed
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.earth import COMPUTED_GRAVITY_SD
@@ -108,9 +101,9 @@ def joint(
         Coefficients that these rests and transitions do not determine, and what to add.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
-    last = fit_accelerometers(rests, priors)
+    last = stages.fit_accelerometers(rests, priors)
     if rests.transitions is not None:
-        last = fit_jointly(rests, fit_gyros(rests, last, priors), priors)
+        last = stages.fit_jointly(rests, stages.fit_gyros(rests, last, priors), priors)
     return _final_estimate(rests, last, priors)
 
 
@@ -126,9 +119,9 @@ def sequential(
     The accelerometers' covariance enters that of the gyros. Parameters and errors as of `joint`.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
-    last = fit_accelerometers(rests, priors)
+    last = stages.fit_accelerometers(rests, priors)
     if rests.transitions is not None:
-        last = fit_gyros(rests, last, priors)
+        last = stages.fit_gyros(rests, last, priors)
     return _final_estimate(rests, last, priors)
 
 
@@ -150,7 +143,7 @@ def _checked_rests(
     return rests
 
 
-def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Estimate:
+def _final_estimate(rests: Rests, last: stages.FitStage, priors: Sequence[Gaussian]) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
     notes = gravity_notes(rests, estimate)
@@ -159,10 +152,10 @@ def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) ->
     if rests.transitions is None:
         notes += (_SIGN_NOTE,)
     return replace(
-        with_shared_drift(rests, estimate),
+        stages.with_shared_drift(rests, estimate),
         notes=notes,
         tests=rests.observations.tests,
-        scoring=LazyValue(lambda: score_tests(rests, last, priors)),
+        scoring=LazyValue(lambda: stages.score_tests(rests, last, priors)),
     )
 
 

@@ -47,13 +47,8 @@ from inercal.methods.candidates import (
     largest_angle,
     together_and_alone,
 )
+from inercal.methods.multi_position import rotations
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
-from inercal.methods.multi_position.rotations import (
-    inverse_model,
-    inverse_models,
-    rotation_residuals,
-    transition_rotations,
-)
 from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.frames import skew
@@ -157,7 +152,7 @@ def _rotation_column(
     if way is None or turns is None or rows.attitude is None:
         return lambda axis, basis: nothing
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
-    model = inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))
+    model = rotations.inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))
     size = np.empty(len(way.output))
     # One column at a time is changed and put back: a copy of a long recording would not fit.
     changed = way.output if way.output.flags.writeable else way.output.copy()
@@ -178,7 +173,7 @@ def _rotation_column(
         try:
             changed[:, axis] += size
             moved_way = replace(way, output=changed)
-            there = transition_rotations(
+            there = rotations.transition_rotations(
                 moved_way,
                 sensor,
                 x[:p],
@@ -188,7 +183,7 @@ def _rotation_column(
             )
         finally:
             changed[:, axis] = before
-        moved = rotation_residuals(
+        moved = rotations.rotation_residuals(
             way.rest,
             there,
             rows.norm.specific_force,
@@ -309,10 +304,10 @@ def rest_changes(
     back = np.broadcast_to(rows.norm.by_reading, (len(seen.labels), 3, m))
     force = np.einsum("kim,km->ki", back, halves.change[:, :m] / scale)
     if not rests.temperature_offsets.ndim:
-        model = inverse_model(sensor, x[:p])
+        model = rotations.inverse_model(sensor, x[:p])
         turned = halves.integral @ model.matrix.T
     else:
-        model = inverse_models(sensor, x[:p], rests.temperature_offsets)
+        model = rotations.inverse_models(sensor, x[:p], rests.temperature_offsets)
         turned = (model.matrix @ halves.integral[..., None])[..., 0]
     both = turned + halves.seconds[:, None] * model.offset
     turn = both[:, 3:] - (rows.attitude @ x[p + 1 : p + 4]) * halves.seconds[:, None]

@@ -29,6 +29,7 @@ from inercal.estimation import (
     ScoreTestSet,
     least_squares,
 )
+from inercal.methods.multi_position import row_whitening
 from inercal.methods.multi_position.rest_candidates import (
     candidates,
     component_candidates,
@@ -36,16 +37,6 @@ from inercal.methods.multi_position.rest_candidates import (
     step_candidates,
 )
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
-from inercal.methods.multi_position.row_whitening import (
-    NORM_ROW,
-    RATE_ROWS,
-    norm_scatter,
-    rate_scatter,
-    rotation_scatter,
-    row_covariance,
-    whitener,
-    whitener_with_drift,
-)
 from inercal.physics.sensors import G0
 
 Places = NDArray[np.int64]
@@ -95,7 +86,7 @@ def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
     # The noise is propagated at the nominal model first, then where that has led.
     for _ in range(2):
         x[free] = _fit(alone, free, x, Scatter(), priors).value
-    judged = norm_scatter(alone, alone.rows(x))
+    judged = row_whitening.norm_scatter(alone, alone.rows(x))
     scatter = Scatter(judged.spread)
     estimate = _fit(alone, free, x, scatter, priors, drifting=True)
     x[free] = estimate.value
@@ -133,18 +124,19 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     # Of the rates alone a common rounding error is a part of the bias.
     shown = np.concatenate([still, fitted[own.size :]])
     shown = shown[shown < count + KNOWN_QUANTITIES.index(_ROUNDING_ERRORS[0])]
-    rates = rate_scatter(rests, rests.rows(x), shown)
+    rates = row_whitening.rate_scatter(rests, rests.rows(x), shown)
     scatter = first.scatter._replace(rate=rates.spread)
     # Without its scatter yet, this fit need not go to the last digit.
     x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_COARSE_ITERATIONS).value
-    rotations = rotation_scatter(rests, rests.rows(x), shown, fitted, scatter)
+    rotations = row_whitening.rotation_scatter(rests, rests.rows(x), shown, fitted, scatter)
     scatter = scatter._replace(turn=rotations.spread)
     fit = _fit(rests, free, x, scatter, priors, norms=False, drifting=True)
     x[free] = fit.value
     rows = rests.rows(x)
     judged = [(0.0, 0), rates[:2], rotations[:2]]
     groups = (*first.groups, *_residual_groups(rests, rows, scatter, judged)[1:])
-    whiten = whitener_with_drift(rests, rows, whitener(rests, rows, scatter, norms=False))
+    whiten = row_whitening.whitener(rests, rows, scatter, norms=False)
+    whiten = row_whitening.whitener_with_drift(rests, rows, whiten)
     estimate = _consider_estimate(rests, fit, first.estimate, whiten(rows.jacobian))
     return _fit_stage(estimate, x, scatter, groups)
 
@@ -203,9 +195,9 @@ def _fit(
     """
     names: tuple[str, ...] = (*rests.sensor.coefficients, *KNOWN_QUANTITIES)
     started = rests.rows(x)
-    whiten = whitener(rests, started, scatter, norms=norms)
+    whiten = row_whitening.whitener(rests, started, scatter, norms=norms)
     if drifting:
-        whiten = whitener_with_drift(rests, started, whiten)
+        whiten = row_whitening.whitener_with_drift(rests, started, whiten)
     changed = rest_changes(rests, started, x, scatter) if with_score_tests else None
     more = np.zeros(0) if changed is None else changed.residual
 
@@ -323,16 +315,17 @@ def _residual_groups(
 ) -> tuple[ResidualGroup, ...]:
     """Return each kind of rows with its scatter as stated; `judged` are χ² and ν of each."""
     labels, r = rests.observations.labels, len(rows.norm.residual)
-    of_rests, of_turns = row_covariance(rests, rows, scatter)
+    of_rests, of_turns = row_whitening.row_covariance(rests, rows, scatter)
     variance = np.diagonal(of_rests, axis1=1, axis2=2)
-    kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], variance[:, [NORM_ROW]])]
+    own = variance[:, [row_whitening.NORM_ROW]]
+    kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], own)]
     if rows.rotations is not None:
         before = rows.rotations.rest
         ways = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
         arriving, leaving = variance[before + 1, :2], variance[before, 6:]
         of_ways = arriving + leaving + np.diagonal(of_turns, axis1=1, axis2=2)
         rates = rows.residual[-3 * r :].reshape(r, 3)
-        kinds.append(("rates", "rad/s", labels, rates, variance[:, RATE_ROWS]))
+        kinds.append(("rates", "rad/s", labels, rates, variance[:, row_whitening.RATE_ROWS]))
         kinds.append(("rotations", "rad", ways, rows.rotations.residual, of_ways))
     return tuple(
         ResidualGroup(name, unit, names, residual, np.sqrt(own), chi2, dof, found)

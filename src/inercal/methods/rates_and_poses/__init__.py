@@ -46,16 +46,8 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
+from inercal.benches.rate_platform import sections
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import (
-    KnownTurn,
-    PlatformStep,
-    Pose,
-    RateDwell,
-    dwell_label,
-    pose_label,
-    whole_turns,
-)
 from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.methods import Method, estimator_inputs, mean_problem, solving
 from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
@@ -86,7 +78,7 @@ def plan(
     rates: tuple[float, ...] = _SPEEDS,
     reverse: bool = False,
     attitudes: str = "none",
-) -> tuple[PlatformStep, ...]:
+) -> tuple[sections.PlatformStep, ...]:
     """Return rests and each speed in both senses in every setting; then the poses.
 
     Parameters
@@ -125,13 +117,13 @@ def plan(
         )
     of_setting = _rates_of_setting(rates, reverse)
     dwells = [(axis, rate) for axis in _SETTINGS[positions] for rate in of_setting]
-    names = number_repeated_names([dwell_label(axis, rate) for axis, rate in dwells])
+    names = number_repeated_names([sections.dwell_label(axis, rate) for axis, rate in dwells])
     turns = [
-        RateDwell(name, axis, rate, whole_turns(rate, seconds))
+        sections.RateDwell(name, axis, rate, sections.whole_turns(rate, seconds))
         for name, (axis, rate) in zip(names, dwells, strict=True)
     ]
     angles = [(roll * pi / 180, pitch * pi / 180) for roll, pitch in _POSES[attitudes]]
-    return (*turns, *(Pose(pose_label(*each), *each, seconds) for each in angles))
+    return (*turns, *(sections.Pose(sections.pose_label(*each), *each, seconds) for each in angles))
 
 
 def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
@@ -145,14 +137,14 @@ def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
 
 
 def readings_without_input(
-    sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
+    sensor: Sensor, bench: RatePlatform, steps: Sequence[sections.PlatformStep]
 ) -> NDArray[np.bool_]:
     """Return whether each reading, row after row, (r m,), has no nominal input.
 
     In a pose a gyro senses the earth's rate alone, whose level part is unknown: that is none.
     """
     motion = bench.mean_motion(steps, {}).motion
-    dwells = np.array([isinstance(step, RateDwell) for step in steps])
+    dwells = np.array([isinstance(step, sections.RateDwell) for step in steps])
     inputs = {"f": motion.f / G0, "w": motion.w * dwells[:, None]}
     sensed = [inputs[axis.measures] @ np.array(axis.i) for axis in sensor.axes]
     return (np.abs(np.stack(sensed, axis=-1)) < _NOTHING).ravel()
@@ -195,7 +187,7 @@ def least_squares_line(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[PlatformStep],
+    steps: Sequence[sections.PlatformStep],
     used: NDArray[np.int64],
 ) -> Estimate:
     """Return the coefficients, with the noise of the means propagated.
@@ -227,7 +219,7 @@ def ml(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[PlatformStep],
+    steps: Sequence[sections.PlatformStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
     """Return the estimate of all readings but those of accelerometers while the table turns.
@@ -284,7 +276,7 @@ def ieee(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[PlatformStep],
+    steps: Sequence[sections.PlatformStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
     """Return the estimate by least squares with equal weights, as of `ml`; the bench is exact.
@@ -316,19 +308,19 @@ def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, .
     return result
 
 
-def _used_readings(sensor: Sensor, steps: Sequence[PlatformStep]) -> NDArray[np.int64]:
+def _used_readings(sensor: Sensor, steps: Sequence[sections.PlatformStep]) -> NDArray[np.int64]:
     """Return the places of the readings that are used, row after row."""
-    turning = np.array([isinstance(step, RateDwell) and step.rate != 0 for step in steps])
+    turning = np.array([isinstance(step, sections.RateDwell) and step.rate != 0 for step in steps])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     return np.flatnonzero(~(turning[:, None] & forces))
 
 
-def _refuse_profiles(sensor: Sensor, steps: Sequence[PlatformStep]) -> None:
+def _refuse_profiles(sensor: Sensor, steps: Sequence[sections.PlatformStep]) -> None:
     """Refuse terms of a turn's profile: a mean does not hold the mean of squares of the rate."""
     terms = tuple(
         name for name in sensor.coefficients if CoefficientName(name).term in ("scale2", "scale3")
     )
-    if terms and any(isinstance(step, KnownTurn) for step in steps):
+    if terms and any(isinstance(step, sections.KnownTurn) for step in steps):
         raise InputError(
             f"[method] {', '.join(terms)}: a turn by an angle has no one rate, so that a mean does "
             "not determine them; remove these coefficients, or turn at constant rates alone",

@@ -35,17 +35,9 @@ from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
 from inercal.estimation import Estimate, Gaussian, Problem, least_squares
-from inercal.methods import Method, solving
+from inercal.methods import Method, ship_consistency, solving
 from inercal.methods.estimator_inputs import refuse_priors, require_matching_rows
 from inercal.methods.observability import require_observed
-from inercal.methods.ship_consistency import (
-    bench_sensitivities,
-    comparison_map,
-    consistency,
-    joint_problem,
-    linearised_rows,
-    row_covariance,
-)
 from inercal.methods.ship_multi_angle.norm_equations import norm_observations, tilted_rows
 from inercal.methods.ship_multi_angle.norm_estimators import damped, global_
 from inercal.methods.ship_planar import affine_estimate, planar, remarks, require_excitation
@@ -82,12 +74,14 @@ def planar_norm(
     a, square = norm_observations(observations, bench, steps, groups)
     plain, f = observations.mean[..., rest, :] / G0, sensed_motion(bench, here, {}).f / G0
     model, gain, converged = fit_vectors_and_norms(plain, f, a, square)
-    residual, _ = linearised_rows(model, plain, f, a, square)
+    residual, _ = ship_consistency.linearised_rows(model, plain, f, a, square)
     # From errors of M a + p − f of all rows, axes within, to those of the rows as compared.
-    map_to = comparison_map(model, observations.mean / G0, rest, groups)
-    spread = row_covariance(observations, bench, steps, model.matrix)
+    map_to = ship_consistency.comparison_map(model, observations.mean / G0, rest, groups)
+    spread = ship_consistency.row_covariance(observations, bench, steps, model.matrix)
     spread = map_to @ spread @ np.swapaxes(map_to, -1, -2)
-    agreement = consistency(observations, sensor, bench, steps, model, gain @ map_to, rest, groups)
+    agreement = ship_consistency.consistency(
+        observations, sensor, bench, steps, model, gain @ map_to, rest, groups
+    )
     return affine_estimate(
         sensor,
         model,
@@ -99,7 +93,7 @@ def planar_norm(
             *(f"|f|[{steps[k].label}]" for k in groups),
         ),
         agreement,
-        bench_sensitivities(bench, steps, gain @ map_to),
+        ship_consistency.bench_sensitivities(bench, steps, gain @ map_to),
         notes=(
             "all directions are determined; the frame is that of the untilted mountings' nominal "
             "axes",
@@ -119,7 +113,7 @@ def fit_vectors_and_norms(
     def at(x: Array) -> tuple[Array, Array]:
         lead = np.broadcast_shapes(x.shape[:-1], level.shape[:-2])
         model = AffineModel.of(np.broadcast_to(x, (*lead, 12)))
-        return linearised_rows(model, level, f, groups, square)
+        return ship_consistency.linearised_rows(model, level, f, groups, square)
 
     m = f.size + len(square)
     fit = least_squares(Problem(AFFINE_NAMES, IDENTITY_PARAMETERS, at, np.ones(m), np.ones(12)))
@@ -181,7 +175,7 @@ def joint(
         estimate = solving.solve(
             observations,
             priors,
-            lambda some, own: joint_problem(some, sensor, bench, steps, own),
+            lambda some, own: ship_consistency.joint_problem(some, sensor, bench, steps, own),
         )
         require_observed(estimate, sensor, missing=())
     except NotObserved:
