@@ -20,8 +20,7 @@ from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem
 from inercal.estimation.problem import Linearise, NormalEquationsOf
 from inercal.methods import candidates, solving, temperature
 from inercal.methods.estimator_inputs import require_matching_rows
-from inercal.methods.residuals import vector_residuals
-from inercal.methods.residuals.vector_equations import VectorEquations
+from inercal.methods.residuals import VectorEquations, vector_residuals
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 

@@ -25,13 +25,15 @@ from inercal.estimation.innovations import group_innovations, mean_and_whiteness
 from inercal.methods import PartialEstimate
 from inercal.methods.systematic.alignment import attitudes_at, determines_azimuth
 from inercal.methods.systematic.coefficient_rules import require_turns
-from inercal.methods.systematic.filter_inputs import FilterModel, FilterStart, filter_start
 from inercal.methods.systematic.generalised_least_squares import LAG
 from inercal.methods.systematic.navigation import integrate_navigation
 from inercal.methods.systematic.navigation_filter import (
     LIVE_CHUNK,
     ConstantEstimate,
+    FilterModel,
+    FilterStart,
     NavigationFilter,
+    filter_start,
 )
 from inercal.methods.systematic.segments import (
     FILTER_NOISE,
