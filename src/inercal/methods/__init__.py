@@ -6,7 +6,7 @@ What a method is: a plan, the coefficients that it estimates, and named estimato
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # a run file that is refused needs none of these
     from inercal.estimation import Estimate, Gaussian
 
 Kind = Literal["f", "w"]
+Priors: TypeAlias = "Sequence[Gaussian]"
 Bench = TypeVar("Bench")
 Step = TypeVar("Step")
 BenchIn = TypeVar("BenchIn", contravariant=True)
@@ -37,7 +38,7 @@ class Estimator(Protocol[BenchIn, StepIn]):
         sensor: Sensor,
         bench: BenchIn,
         steps: Sequence[StepIn],
-        priors: "Sequence[Gaussian]" = (),
+        priors: Priors = (),
     ) -> "Estimate":
         """Return the estimate; raise NotObserved where the data do not support it."""
         ...
@@ -95,7 +96,7 @@ class SequentialEstimator(Protocol[BenchIn, StepIn]):
         sensor: Sensor,
         bench: BenchIn,
         steps: Sequence[StepIn],
-        priors: "Sequence[Gaussian]",
+        priors: Priors,
         rate_hz: float,
     ) -> Sequential:
         """Return the estimator before the first sample.
@@ -147,7 +148,7 @@ class Fit(Generic[Bench, Step]):
     bench: Bench
     observations: Observations
     steps: Sequence[Step]
-    priors: "Sequence[Gaussian]"
+    priors: Priors
     estimate: "Estimate"
     time_offset: bool = False
     environment: Environment | None = None

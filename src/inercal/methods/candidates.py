@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
 from inercal.basics.parameters import Parameter
-from inercal.estimation import Candidate, Gaussian, Problem
+from inercal.estimation import Candidate, Problem
 from inercal.estimation.scores import Kind
+from inercal.methods import Priors
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
@@ -107,7 +108,7 @@ def candidate_function(
     declared: Mapping[str, Parameter],
     time: Array | None = None,
     families: Mapping[str, Sequence[str]] | None = None,
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     common_errors: Sequence[str] = (),
     zero_input: NDArray[np.bool_] | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
@@ -285,7 +286,7 @@ def common_error_candidates(
 
 
 def prior_candidates(
-    sensor: Sensor, priors: Sequence[Gaussian], column: Mapping[str, Array]
+    sensor: Sensor, priors: Priors, column: Mapping[str, Array]
 ) -> list[Candidate]:
     """Return the priors of coefficients, which may be wrong: those of a kind, and each alone.
 

@@ -11,11 +11,13 @@ from inercal.benches.dividing_head.bench import DividingHead, drift_names, sense
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
-from inercal.estimation import Gaussian, Problem
-from inercal.methods import mean_problem
+from inercal.estimation import Problem
+from inercal.methods import Priors, mean_problem
 from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
+
+Plan = Sequence[Index]
 
 MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error: higher ones act like errors of the graduations
@@ -50,8 +52,8 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
     *,
     exact: bool = False,
 ) -> Problem:
@@ -90,9 +92,7 @@ def problem(
     )
 
 
-def _test_families(
-    sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
-) -> dict[str, tuple[str, ...]]:
+def _test_families(sensor: Sensor, bench: DividingHead, steps: Plan) -> dict[str, tuple[str, ...]]:
     """Return the families of score tests: a harmonic's sine and cosine, a drift in all passes."""
     count = max(_TESTED_HARMONICS, len(bench.harmonics))
     result: dict[str, tuple[str, ...]] = {
@@ -106,7 +106,7 @@ def _test_families(
 
 
 def readings_at_stated_angles(
-    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
+    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Plan
 ) -> Observations:
     """Return the readings corrected to the head's nominal angles, for formulas that assume these.
 
@@ -134,7 +134,7 @@ def readings_at_stated_angles(
 
 
 def with_drift_covariance(
-    observations: Observations, bench: DividingHead, steps: Sequence[Index]
+    observations: Observations, bench: DividingHead, steps: Plan
 ) -> Observations:
     """Return the observations with the drift of biases in their covariance, not as a nuisance."""
     if not bench.drift:
@@ -146,7 +146,7 @@ def with_drift_covariance(
     return replace(observations, drift=before + np.repeat(between[..., None], channels, axis=-1))
 
 
-def _drift_columns(sensor: Sensor, steps: Sequence[Index]) -> dict[str, Array]:
+def _drift_columns(sensor: Sensor, steps: Plan) -> dict[str, Array]:
     """Return the effect of a unit drift on all readings, (m r,), by its name."""
     result: dict[str, Array] = {}
     for k, channel in enumerate(sensor.channels):

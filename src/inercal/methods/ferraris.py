@@ -19,30 +19,25 @@ residual. The problem of `ml`, in which faces, turns and gravity have their stat
 tests whether the readings agree with one another.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
-from inercal.estimation import Estimate, Gaussian
+from inercal.estimation import Estimate
 from inercal.estimation.uncertainty import propagate
-from inercal.methods import Method, estimator_inputs
+from inercal.methods import Method, Priors, estimator_inputs
 from inercal.methods.hand_likelihood import ml
 from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
+from inercal.methods.observability import Plan
 from inercal.methods.order_effects import order_remarks
-from inercal.physics.plan import HandStep, Turn, ferraris_plan
+from inercal.physics.plan import Turn, ferraris_plan
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
 
 def classical(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Hand,
-    steps: Sequence[HandStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the coefficients by the closed formulas, with the noise of the means propagated.
 
@@ -94,11 +89,7 @@ def classical(
 
 
 def _coefficients(
-    means: dict[str, Array],
-    observations: Observations,
-    sensor: Sensor,
-    g: float,
-    steps: Sequence[HandStep],
+    means: dict[str, Array], observations: Observations, sensor: Sensor, g: float, steps: Plan
 ) -> Array:
     up, down = (np.stack([means[f"{a}_{s}"] for a in "xyz"], axis=1) for s in "pa")
     matrix_a = (up - down)[:3] / (2 * g)

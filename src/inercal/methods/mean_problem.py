@@ -18,7 +18,7 @@ from inercal.basics.parameters import Parameter
 from inercal.benches import MeanBench, MeanMotion
 from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem
 from inercal.estimation.problem import Linearise, NormalEquationsOf
-from inercal.methods import candidates, solving, temperature
+from inercal.methods import Priors, candidates, solving, temperature
 from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.residuals import VectorEquations, vector_residuals
 from inercal.physics.sensors import G0, Sensor
@@ -93,7 +93,7 @@ class Unknowns:
         linearise: Linearise,
         noise: Array | Callable[[Array], Array],
         observations: tuple[str, ...],
-        priors: Sequence[Gaussian],
+        priors: Priors,
         relative_size: float,
         *,
         correlated: bool,
@@ -125,7 +125,7 @@ def joint(
     sensor: Sensor,
     bench: MeanBench,
     steps: Sequence[Any],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
 ) -> Estimate:
     """Return the estimate from mean readings on any bench of means, with its errors as nuisances.
 
@@ -188,7 +188,7 @@ def problem(
     sensor: Sensor,
     declared: Mapping[str, Parameter],
     motion_function: MotionFunction,
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     *,
     reading_columns: Mapping[str, Array] | None = None,
     dwell_covariance: Callable[[Array, MeanMotion], Array] | None = None,
@@ -240,7 +240,7 @@ def problem(
     forces = unknown_forces or {}
     doubted = declared if suspects is None else suspects
 
-    def build(unknowns: Unknowns, priors: Sequence[Gaussian] = ()) -> Problem:
+    def build(unknowns: Unknowns, priors: Priors = ()) -> Problem:
         return _compare_vectors(
             unknowns,
             observations,
@@ -282,7 +282,7 @@ def _compare_vectors(
     reading_columns: Mapping[str, Array],
     dwell_covariance: Callable[[Array, MeanMotion], Array] | None,
     stated_noise: ReadingNoise | None,
-    priors: Sequence[Gaussian],
+    priors: Priors,
 ) -> Problem:
     """Compare each reading with that of the motion its axis sensed; arguments as of `problem`."""
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
@@ -400,9 +400,7 @@ def parameter_scales(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
     return np.concatenate([sensor.unit_scale, [candidates.unit_scale(q) for q in loose.values()]])
 
 
-def with_bench_priors(
-    loose: Mapping[str, Parameter], priors: Sequence[Gaussian]
-) -> tuple[Gaussian, ...]:
+def with_bench_priors(loose: Mapping[str, Parameter], priors: Priors) -> tuple[Gaussian, ...]:
     """Return the bench's parameters as priors, followed by `priors`."""
     if not loose:
         return tuple(priors)

@@ -17,7 +17,7 @@ Residuals of the fit show how well the model follows the fitted readings. A user
 the corrected vector in other poses, δf = −S⁻¹ ∂h/∂c δc: a free direction shows only there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import pi
 from typing import NamedTuple
 
@@ -29,9 +29,10 @@ from inercal.basics.errors import NotObserved
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, is_tilted, planar_plan
-from inercal.estimation import Estimate, Gaussian, NullDirection
-from inercal.methods import Fit, Method, Remarks, estimator_inputs, ship_consistency
+from inercal.estimation import Estimate, NullDirection
+from inercal.methods import Fit, Method, Priors, Remarks, estimator_inputs, ship_consistency
 from inercal.methods.observability import require_observed
+from inercal.methods.ship_consistency import Plan
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import G0, Sensor
@@ -130,7 +131,7 @@ def fit_level_states(a: Array, f: Array) -> LevelStates:
     return LevelStates(model, gain.reshape(*lead, 12, 3 * r))
 
 
-def require_excitation(bench: RateTable, steps: Sequence[Spin]) -> None:
+def require_excitation(bench: RateTable, steps: Plan) -> None:
     """Refuse states that do not excite an axis separately from the other axes and the bias.
 
     Raises
@@ -226,11 +227,7 @@ def affine_estimate(
 
 
 def planar(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the twelve coefficients from the states that are not tilted.
 

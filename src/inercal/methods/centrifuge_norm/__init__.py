@@ -36,12 +36,17 @@ from inercal.basics.keys import CoefficientName
 from inercal.benches.centrifuge.arm_motion import specific_force_norm
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
-from inercal.estimation import Estimate, Gaussian, least_squares
+from inercal.estimation import Estimate, least_squares
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import Fit, Method, Remarks, estimator_inputs, solving
+from inercal.methods import Fit, Method, Priors, Remarks, estimator_inputs, solving
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
-from inercal.methods.centrifuge_norm.problems import exact_bench_norm_problem, norm_problem, problem
+from inercal.methods.centrifuge_norm.problems import (
+    Plan,
+    exact_bench_norm_problem,
+    norm_problem,
+    problem,
+)
 from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
@@ -116,11 +121,7 @@ def plan(
 
 
 def ml(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the sensor's coefficients and the bench's nuisances by maximum likelihood.
 
@@ -160,8 +161,8 @@ def _attitude_gain_note(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian],
+    steps: Plan,
+    priors: Priors,
 ) -> str:
     """Return the note on what the attitudes gain over norms, by the uncertainties as modelled."""
     try:
@@ -217,8 +218,8 @@ class ClosedFormulas:
         observations: Observations,
         sensor: Sensor,
         bench: Centrifuge,
-        steps: Sequence[Spin],
-        priors: Sequence[Gaussian] = (),
+        steps: Plan,
+        priors: Priors = (),
     ) -> Estimate:
         """Return the estimate; arguments as of `ml`.
 

@@ -25,10 +25,10 @@ from inercal.benches.centrifuge.arm_motion import (
     specific_force_norm,
 )
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.estimation import Candidate, Gaussian, Problem
+from inercal.estimation import Candidate, Problem
 from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.estimation.problem import NormalEquations
-from inercal.methods import candidates, mean_problem, temperature
+from inercal.methods import Priors, candidates, mean_problem, temperature
 from inercal.methods.centrifuge_norm import rotation_gauge
 from inercal.methods.mean_problem import Unknowns
 from inercal.methods.residuals import (
@@ -44,16 +44,14 @@ from inercal.physics.sensors import SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.recordings import Observations
 
+Plan = Sequence[Spin]
+
 _Result = TypeVar("_Result")
 _COMPARED = 16  # trials
 
 
 def problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> Problem:
     """Return the problem of `ml`: by vectors where the bench knows its attitudes, else by norms."""
     build = norm_problem if bench.indexing is None else vector_problem
@@ -61,11 +59,7 @@ def problem(
 
 
 def norm_problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> Problem:
     """Return the problem of norms alone; arguments as of `inercal.methods.centrifuge_norm.ml`.
 
@@ -112,9 +106,7 @@ def norm_problem(
     )
 
 
-def _lever_arm_candidates(
-    built: Problem, sensor: Sensor, steps: Sequence[Spin], x: Array
-) -> list[Candidate]:
+def _lever_arm_candidates(built: Problem, sensor: Sensor, steps: Plan, x: Array) -> list[Candidate]:
     """Return lever arms along the axes, in unknown attitudes.
 
     An arm l along an axis adds −ω² l (1 − v²) to its reading, v the component of the vertical along
@@ -138,7 +130,7 @@ def _lever_arm_candidates(
 
 
 def exact_bench_norm_problem(
-    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan
 ) -> Problem:
     """Return the problem of norms with the bench taken as exact: the readings' noise alone."""
     exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
@@ -148,7 +140,7 @@ def exact_bench_norm_problem(
 
 
 def _extended_sensor(
-    sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin], *, temperature_varies: bool
+    sensor: Sensor, bench: Centrifuge, steps: Plan, *, temperature_varies: bool
 ) -> Sensor:
     """Return the sensor with all coefficients that norms can show, those of `sensor` first.
 
@@ -181,9 +173,9 @@ def _ungauged_norm_problem(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Sequence[Spin],
+    steps: Plan,
     declared: Mapping[str, Parameter],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
 ) -> Problem:
     """Return the problem of norms for any coefficients, without gauges.
 
@@ -287,7 +279,7 @@ def _ungauged_norm_problem(
 
 
 def _same_dwell_rows(
-    observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
+    observations: Observations, bench: Centrifuge, steps: Plan
 ) -> NDArray[np.bool_] | None:
     """Return which rows share a dwell, (r, r); None where no error of a dwell is shared."""
     if not (bench.dwell_rate or bench.dwell_tilt):
@@ -299,11 +291,7 @@ def _same_dwell_rows(
 
 
 def vector_problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> Problem:
     """Return the problem of vectors in known attitudes; arguments as of `norm_problem`.
 

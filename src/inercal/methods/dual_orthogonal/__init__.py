@@ -27,7 +27,6 @@ face at each position. Both mounting angles depend on the head's zero; the angle
 accelerometers does not.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -38,17 +37,17 @@ from inercal.basics.units import format_quantity
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
 from inercal.benches.dividing_head.head_angles import sensor_angles
-from inercal.estimation import Estimate, Gaussian, least_squares
+from inercal.estimation import Estimate, least_squares
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import Method, dividing_head_problem
+from inercal.methods import Method, Priors, dividing_head_problem
+from inercal.methods.dividing_head_problem import Plan
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal import patent_estimator as four
 from inercal.methods.dual_orthogonal.g_squared import MOUNTING_ANGLES
 from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
-from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -93,7 +92,7 @@ def well_determined_sums(estimate: Estimate, g: float) -> tuple[CoefficientSum, 
     return tuple(sums)
 
 
-def notes(estimate: Estimate, bench: DividingHead, priors: Sequence[Gaussian]) -> tuple[str, ...]:
+def notes(estimate: Estimate, bench: DividingHead, priors: Priors) -> tuple[str, ...]:
     """Return the notes on these sums of one recording; none for many trials."""
     if estimate.value.ndim != 1:
         return ()
@@ -128,8 +127,8 @@ def joint(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients and the bench's errors, at the largest posterior probability.
 
@@ -166,8 +165,8 @@ def patent(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by four points, then g² elsewhere; arguments as of `joint`.
 
@@ -195,8 +194,8 @@ def dual(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by g² alone and the priors; arguments as of `joint`.
 
@@ -220,11 +219,7 @@ def dual(
 
 
 def _with_common_angle(
-    estimate: Estimate,
-    observations: Observations,
-    sensor: Sensor,
-    bench: DividingHead,
-    steps: Sequence[Index],
+    estimate: Estimate, observations: Observations, sensor: Sensor, bench: DividingHead, steps: Plan
 ) -> Estimate:
     """Return an estimate of g², of mounting angles ± δ/2, with their common part and its variance.
 
@@ -264,8 +259,8 @@ def single(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients of each accelerometer separately, the head taken as exact.
 

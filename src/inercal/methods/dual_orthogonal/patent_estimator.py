@@ -26,7 +26,6 @@ different. There the other accelerometer is level and determines it, once δ is 
 Source: CN101852817A, step 4, equations 17 and 18; the root and φ are ours.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from math import pi
 from typing import NamedTuple
@@ -40,9 +39,10 @@ from inercal.benches.dividing_head.covariance import bench_covariance, reading_s
 from inercal.benches.dividing_head.passes import CARDINAL_ANGLES, matches_any_angle
 from inercal.estimation import Estimate, Gaussian, Problem, least_squares
 from inercal.estimation.uncertainty.propagation import jacobian
+from inercal.methods import Priors
+from inercal.methods.dividing_head_problem import Plan
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.mean_problem import ROUNDING
-from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -87,7 +87,7 @@ def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True)
     return FourPoints(k0, gain, k2)
 
 
-def averaging_matrix(steps: Sequence[Index]) -> Array:
+def averaging_matrix(steps: Plan) -> Array:
     """Return the matrix that averages the readings at each cardinal position, (4, r).
 
     Raises
@@ -121,11 +121,7 @@ class _CoefficientMaps(NamedTuple):
 
 
 def two_stage_estimate(
-    observations: Observations,
-    sensor: Sensor,
-    bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian],
+    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Plan, priors: Priors
 ) -> Estimate:
     """Return the coefficients with the covariance of both stages, readings and bench together.
 
@@ -231,7 +227,7 @@ def _two_stage_covariance(
     inside: Array,
     noise: Array,
     readings: Array,
-    priors: Sequence[Gaussian],
+    priors: Priors,
 ) -> tuple[Array, Array]:
     """Return the covariance of all coefficients, and their derivative by the readings, (p, 2r).
 
@@ -324,7 +320,7 @@ def _second_stage_problem(
     )
 
 
-def _require_enough(sensor: Sensor, steps: Sequence[Index], others: list[int]) -> None:
+def _require_enough(sensor: Sensor, steps: Plan, others: list[int]) -> None:
     """Refuse positions too few for δ, K2 and Kip, with any priors.
 
     Raises

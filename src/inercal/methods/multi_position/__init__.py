@@ -27,7 +27,6 @@ Advice on how to improve a multi_position result.
 """
 
 # pyright: reportMissingTypeStubs=false
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -39,10 +38,10 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.run_file_advice import Change
 from inercal.basics.units import Measured, format_value_and_uncertainty
 from inercal.benches import Hand
-from inercal.estimation import Estimate, Gaussian
+from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import Fit, Method, Remarks, temperature, triangular_frame
+from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.multi_position import stages
 from inercal.methods.multi_position.attitude_coverage import (
     GeometryErrors,
@@ -53,10 +52,9 @@ from inercal.methods.multi_position.attitude_coverage import (
 )
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
-from inercal.methods.observability import require_observed
+from inercal.methods.observability import Plan, require_observed
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.earth import COMPUTED_GRAVITY_SD
-from inercal.physics.plan import HandStep
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations
 
@@ -72,11 +70,7 @@ _SIGN_NOTE = (
 
 
 def joint(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Hand,
-    steps: Sequence[HandStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return all coefficients from norms, rates and rotations together: maximum likelihood.
 
@@ -108,11 +102,7 @@ def joint(
 
 
 def sequential(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Hand,
-    steps: Sequence[HandStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the accelerometers from norms alone, then the gyros with the accelerometers fixed.
 
@@ -126,7 +116,7 @@ def sequential(
 
 
 def _checked_rests(
-    observations: Observations, sensor: Sensor, bench: Hand, priors: Sequence[Gaussian]
+    observations: Observations, sensor: Sensor, bench: Hand, priors: Priors
 ) -> Rests:
     if observations.mean.ndim != 2:
         raise InputError(
@@ -143,7 +133,7 @@ def _checked_rests(
     return rests
 
 
-def _final_estimate(rests: Rests, last: stages.FitStage, priors: Sequence[Gaussian]) -> Estimate:
+def _final_estimate(rests: Rests, last: stages.FitStage, priors: Priors) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
     notes = gravity_notes(rests, estimate)

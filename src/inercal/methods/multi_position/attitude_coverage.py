@@ -27,7 +27,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.hand.bench import tangent_vectors
-from inercal.estimation import Gaussian
+from inercal.methods import Priors
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.observability import OBSERVABILITY_LIMIT, direction_in_words
@@ -202,7 +202,7 @@ def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...
     )
 
 
-def require_coverage(rests: Rests, priors: Sequence[Gaussian]) -> None:
+def require_coverage(rests: Rests, priors: Priors) -> None:
     """Refuse attitudes and turns that do not determine the coefficients.
 
     Raises
@@ -243,7 +243,7 @@ def require_coverage(rests: Rests, priors: Sequence[Gaussian]) -> None:
     )
 
 
-def geometry_information(rests: Rests, priors: Sequence[Gaussian]) -> Array:
+def geometry_information(rests: Rests, priors: Priors) -> Array:
     """Return the information matrix of rests and turns under the geometry's own errors, (p, p).
 
     In natural sizes, at the nominal model; accelerometers and gyros by themselves.

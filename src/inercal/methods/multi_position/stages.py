@@ -29,6 +29,7 @@ from inercal.estimation import (
     ScoreTestSet,
     least_squares,
 )
+from inercal.methods import Priors
 from inercal.methods.multi_position import row_whitening
 from inercal.methods.multi_position.rest_candidates import (
     candidates,
@@ -71,7 +72,7 @@ class FitStage:
     groups: tuple[ResidualGroup, ...]
 
 
-def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
+def fit_accelerometers(rests: Rests, priors: Priors) -> FitStage:
     """Fit the accelerometers to the norms at rest.
 
     Raises
@@ -96,7 +97,7 @@ def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
     return _fit_stage(estimate, whole, scatter, groups)
 
 
-def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitStage:
+def fit_gyros(rests: Rests, first: FitStage, priors: Priors) -> FitStage:
     """Fit the gyros to rates and rotations, with the accelerometers as `first` left them.
 
     Raises
@@ -141,7 +142,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     return _fit_stage(estimate, x, scatter, groups)
 
 
-def fit_jointly(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> FitStage:
+def fit_jointly(rests: Rests, last: FitStage, priors: Priors) -> FitStage:
     """Fit everything to all rows at once, started from `last`."""
     x, free = last.x.copy(), _free_indices(rests)
     estimate = _fit(rests, free, x, last.scatter, priors, drifting=True)
@@ -151,7 +152,7 @@ def fit_jointly(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Fit
     return _fit_stage(estimate, x, last.scatter, groups)
 
 
-def score_tests(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> ScoreTestSet:
+def score_tests(rests: Rests, last: FitStage, priors: Priors) -> ScoreTestSet:
     """Return the score tests of what is not estimated, by the noise without what was added to it.
 
     Of all rows; the accelerometers' too, where the gyros were fitted after them.
@@ -181,7 +182,7 @@ def _fit(
     free: Places,
     x: Array,
     scatter: Scatter,
-    priors: Sequence[Gaussian],
+    priors: Priors,
     *,
     norms: bool = True,
     most: int = 200,

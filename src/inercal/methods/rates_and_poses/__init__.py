@@ -34,7 +34,7 @@ ppm, 200 °/s and 0.05°, below the noise of a dwell: these terms are left out t
 Plans of rates and poses: settings with a case axis up, and poses about level.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 from math import pi, radians
@@ -48,11 +48,11 @@ from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
 from inercal.benches.rate_platform import sections
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.estimation import Estimate, Gaussian, Problem
-from inercal.methods import Method, estimator_inputs, mean_problem, solving
+from inercal.estimation import Estimate, Problem
+from inercal.methods import Method, Priors, estimator_inputs, mean_problem, solving
 from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
 from inercal.methods.observability import require_observed
-from inercal.methods.rates_and_poses.plan_structure import require_determined
+from inercal.methods.rates_and_poses.plan_structure import Plan, require_determined
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
@@ -136,9 +136,7 @@ def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
     return [0.0, *through, 0.0, *(-rate for rate in through), 0.0]
 
 
-def readings_without_input(
-    sensor: Sensor, bench: RatePlatform, steps: Sequence[sections.PlatformStep]
-) -> NDArray[np.bool_]:
+def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: Plan) -> NDArray[np.bool_]:
     """Return whether each reading, row after row, (r m,), has no nominal input.
 
     In a pose a gyro senses the earth's rate alone, whose level part is unknown: that is none.
@@ -187,7 +185,7 @@ def least_squares_line(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[sections.PlatformStep],
+    steps: Plan,
     used: NDArray[np.int64],
 ) -> Estimate:
     """Return the coefficients, with the noise of the means propagated.
@@ -219,8 +217,8 @@ def ml(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[sections.PlatformStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the estimate of all readings but those of accelerometers while the table turns.
 
@@ -253,7 +251,7 @@ def ml(
     require_determined(observations, sensor, bench, done, priors, used)
     unsigned = readings_without_input(sensor, bench, done)
 
-    def problem(some: Observations, own: Sequence[Gaussian]) -> Problem:
+    def problem(some: Observations, own: Priors) -> Problem:
         whole = mean_problem.problem(
             some,
             sensor,
@@ -276,8 +274,8 @@ def ieee(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[sections.PlatformStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the estimate by least squares with equal weights, as of `ml`; the bench is exact.
 
@@ -308,14 +306,14 @@ def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, .
     return result
 
 
-def _used_readings(sensor: Sensor, steps: Sequence[sections.PlatformStep]) -> NDArray[np.int64]:
+def _used_readings(sensor: Sensor, steps: Plan) -> NDArray[np.int64]:
     """Return the places of the readings that are used, row after row."""
     turning = np.array([isinstance(step, sections.RateDwell) and step.rate != 0 for step in steps])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     return np.flatnonzero(~(turning[:, None] & forces))
 
 
-def _refuse_profiles(sensor: Sensor, steps: Sequence[sections.PlatformStep]) -> None:
+def _refuse_profiles(sensor: Sensor, steps: Plan) -> None:
     """Refuse terms of a turn's profile: a mean does not hold the mean of squares of the rate."""
     terms = tuple(
         name for name in sensor.coefficients if CoefficientName(name).term in ("scale2", "scale3")

@@ -24,7 +24,6 @@ The vectors determine the rotations that norms leave free, so that no damping is
 weights assume equal errors in g, and no nuisance is estimated: `joint` does both better. Ours.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,10 +33,11 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
-from inercal.estimation import Estimate, Gaussian, Problem, least_squares
-from inercal.methods import Method, ship_consistency, solving
+from inercal.estimation import Estimate, Problem, least_squares
+from inercal.methods import Method, Priors, ship_consistency, solving
 from inercal.methods.estimator_inputs import refuse_priors, require_matching_rows
 from inercal.methods.observability import require_observed
+from inercal.methods.ship_consistency import Plan
 from inercal.methods.ship_multi_angle.norm_equations import norm_observations, tilted_rows
 from inercal.methods.ship_multi_angle.norm_estimators import damped, global_
 from inercal.methods.ship_planar import affine_estimate, planar, remarks, require_excitation
@@ -48,11 +48,7 @@ from inercal.recordings import Observations
 
 
 def planar_norm(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the twelve coefficients by untilted states' vectors and tilted ones' norms.
 
@@ -143,11 +139,7 @@ def plan(
 
 
 def joint(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the coefficients and the bench's errors, at the largest posterior probability.
 
@@ -186,7 +178,7 @@ def joint(
     return replace(estimate, notes=(_state_note(estimate, steps), *estimate.notes))
 
 
-def _state_note(estimate: Estimate, steps: Sequence[Spin]) -> str:
+def _state_note(estimate: Estimate, steps: Plan) -> str:
     """Return the note on what the states determine, what priors decided, and the frame."""
     text = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
     if left := [one.words for one in estimate.null_directions]:

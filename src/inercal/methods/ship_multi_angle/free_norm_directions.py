@@ -26,15 +26,16 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
-from inercal.estimation import Gaussian, NullDirection
+from inercal.estimation import NullDirection
+from inercal.methods import Priors
 from inercal.methods.observability import OBSERVABILITY_LIMIT, direction_in_words
+from inercal.methods.ship_consistency import Plan
 from inercal.methods.ship_multi_angle.norm_equations import (
     RANK_TOLERANCE,
     norm_jacobian,
     rotation_directions,
 )
 from inercal.methods.ship_planar import fit_level_states, require_excitation
-from inercal.physics.plan import Spin
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import (
     AFFINE_NAMES,
@@ -161,8 +162,8 @@ def starting_point(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian],
+    steps: Plan,
+    priors: Priors,
     groups: Sequence[int],
 ) -> StartingPoint:
     """Return the start: nominal where the frame fixes all else, or by untilted states or priors.
@@ -202,7 +203,7 @@ def require_convergence(
     converged: NDArray[np.bool_],
     sensor: Sensor,
     bench: RateTable,
-    steps: Sequence[Spin],
+    steps: Plan,
     groups: Sequence[int],
 ) -> None:
     """Refuse a solution that does not converge because these tilts do not show a direction.
@@ -229,11 +230,7 @@ def require_convergence(
 
 
 def _start_from_priors(
-    sensor: Sensor,
-    priors: Sequence[Gaussian],
-    bench: RateTable,
-    groups: Sequence[int],
-    steps: Sequence[Spin],
+    sensor: Sensor, priors: Priors, bench: RateTable, groups: Sequence[int], steps: Plan
 ) -> StartingPoint:
     """Return θ and its covariance by the priors; refuse coefficients without a prior."""
     names = sensor.coefficients
@@ -264,7 +261,7 @@ def _start_from_priors(
 
 
 def _nominal_free_directions(
-    sensor: Sensor, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
+    sensor: Sensor, bench: RateTable, steps: Plan, groups: Sequence[int]
 ) -> FreeDirections:
     """Return the free directions of an ideal sensor without noise."""
     f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0

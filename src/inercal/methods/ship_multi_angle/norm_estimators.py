@@ -12,13 +12,13 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.rate_table.bench import RateTable
-from inercal.estimation import Estimate, Gaussian, NullDirection
+from inercal.estimation import Estimate, NullDirection
+from inercal.methods import Priors
 from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
-from inercal.methods.ship_consistency import bench_sensitivities, consistency, row_covariance
+from inercal.methods.ship_consistency import Plan, bench_sensitivities, consistency, row_covariance
 from inercal.methods.ship_multi_angle import free_norm_directions as free
 from inercal.methods.ship_multi_angle import norm_equations
 from inercal.methods.ship_planar import affine_estimate
-from inercal.physics.plan import Spin
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
 from inercal.recordings import Observations
@@ -29,11 +29,7 @@ _BOUND_TOLERANCE = 1e-6  # of a bound: rounding
 
 
 def damped(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the twelve coefficients by the norms of the tilted states, damped as in the source.
 
@@ -84,8 +80,8 @@ def global_(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
     *,
     options: norm_equations.SearchOptions = DEFAULT_SEARCH,
     progress: Callable[[norm_equations.Generation], None] | None = None,
@@ -186,7 +182,7 @@ def _norm_estimate(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Sequence[Spin],
+    steps: Plan,
     used: tuple[Sequence[int], Sequence[int]],
     gain: Array,
     done: norm_equations.DampedSolution,

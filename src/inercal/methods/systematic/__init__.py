@@ -12,15 +12,15 @@ Sources: Camberlein and Mangeret, Calibration technique for strapdown inertial n
 Savage 2000, Strapdown Analytics; Aitken 1935 (generalised least squares).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import systematic_plan
 from inercal.benches.turntable.still_table import StillTable
-from inercal.estimation import Estimate, Gaussian
-from inercal.methods import Method, triangular_frame
+from inercal.estimation import Estimate
+from inercal.methods import Method, Priors, triangular_frame
 from inercal.methods.systematic.coefficient_rules import require_determined
 from inercal.methods.systematic.filter_estimators import sequential, solve_by_filter
 from inercal.methods.systematic.generalised_least_squares import LAG, solve
@@ -31,7 +31,7 @@ from inercal.methods.systematic.segments import (
     shift_forces,
     shift_forces_of_track,
 )
-from inercal.physics.plan import TableStep
+from inercal.methods.turntable import Plan
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
@@ -42,8 +42,8 @@ def batch(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable | StillTable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by generalised least squares over all rests and turns.
 
@@ -80,8 +80,8 @@ def kalman(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable | StillTable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by a Kalman filter over the recording, in passes.
 
@@ -114,7 +114,7 @@ def _by_whole_samples_of_lag(solve_shifted: Callable[[int], Estimate], dt: float
     return replace(estimate, value=value)
 
 
-def _checked_track(observations: Observations, sensor: Sensor, priors: Sequence[Gaussian]) -> Track:
+def _checked_track(observations: Observations, sensor: Sensor, priors: Priors) -> Track:
     track = observations.track
     if track is None or track.reading.ndim != 2:
         raise InputError(

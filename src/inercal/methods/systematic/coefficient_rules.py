@@ -11,7 +11,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
-from inercal.estimation import Gaussian
+from inercal.methods import Priors
 from inercal.physics.frames import log_so3
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
@@ -26,9 +26,7 @@ _LEAST_TURN = radians(45)  # about an axis, over the path
 _ALIKE = {"k1_prime": "k2", "k3": "k1"}
 
 
-def require_determined(
-    sensor: Sensor, observations: Observations, priors: Sequence[Gaussian]
-) -> None:
+def require_determined(sensor: Sensor, observations: Observations, priors: Priors) -> None:
     """Refuse coefficients that these rests cannot determine, unless a prior states them.
 
     Parameters
@@ -82,7 +80,7 @@ def require_determined(
         )
 
 
-def require_turns(attitudes: Array, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+def require_turns(attitudes: Array, sensor: Sensor, priors: Priors) -> None:
     """Refuse coefficients of gyros for body axes about which the path does not turn.
 
     Parameters

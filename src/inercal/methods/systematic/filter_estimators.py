@@ -10,7 +10,7 @@ The first rests are kept until they show the azimuth; then the filter follows th
 comes. It is a single pass: what it is linearised about is found from those rests.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,9 +20,9 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.benches.turntable.still_table import StillTable
-from inercal.estimation import Estimate, Gaussian, ModelTest
+from inercal.estimation import Estimate, ModelTest
 from inercal.estimation.innovations import group_innovations, mean_and_whiteness_tests
-from inercal.methods import PartialEstimate
+from inercal.methods import PartialEstimate, Priors
 from inercal.methods.systematic.alignment import attitudes_at, determines_azimuth
 from inercal.methods.systematic.coefficient_rules import require_turns
 from inercal.methods.systematic.generalised_least_squares import LAG
@@ -43,7 +43,7 @@ from inercal.methods.systematic.segments import (
     require_imu,
     segments_of_track,
 )
-from inercal.physics.plan import TableStep
+from inercal.methods.turntable import Plan
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Track, join_tracks
 
@@ -56,11 +56,7 @@ _NAMED_PART = 0.3  # of a direction, of a coefficient that is named
 
 
 def solve_by_filter(
-    track: Track,
-    labels: tuple[str, ...],
-    sensor: Sensor,
-    known: StillTable,
-    priors: Sequence[Gaussian] = (),
+    track: Track, labels: tuple[str, ...], sensor: Sensor, known: StillTable, priors: Priors = ()
 ) -> Estimate:
     """Return the estimate of one recording by the filter.
 
@@ -215,12 +211,7 @@ class LiveNavigation:
     """
 
     def __init__(
-        self,
-        sensor: Sensor,
-        known: StillTable,
-        priors: Sequence[Gaussian],
-        run_duration: float,
-        rate_hz: float,
+        self, sensor: Sensor, known: StillTable, priors: Priors, run_duration: float, rate_hz: float
     ):
         require_imu(sensor)
         self._model = FilterModel(sensor, known, priors, run_duration, 1 / rate_hz, means=False)
@@ -308,12 +299,7 @@ class LiveNavigation:
 
 
 def sequential(
-    estimator: str,
-    sensor: Sensor,
-    bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian],
-    rate_hz: float,
+    estimator: str, sensor: Sensor, bench: Turntable, steps: Plan, priors: Priors, rate_hz: float
 ) -> LiveNavigation:
     """Return the filter of a run before its first sample.
 

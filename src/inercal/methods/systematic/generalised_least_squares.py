@@ -16,6 +16,7 @@ from inercal.estimation import Candidate, Estimate, Gaussian, Problem
 from inercal.estimation.fitting import estimate_at_solution
 from inercal.estimation.nullspace import observability
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
+from inercal.methods import Priors
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
 from inercal.methods.systematic.coefficient_rules import (
@@ -68,9 +69,7 @@ def _start(segments: Segments, sensor: Sensor, latitude: float) -> tuple[Array, 
     return initial_attitudes(segments, ImuModel(sensor), nominal, latitude)
 
 
-def solve(
-    segments: Segments, sensor: Sensor, known: StillTable, priors: Sequence[Gaussian] = ()
-) -> Estimate:
+def solve(segments: Segments, sensor: Sensor, known: StillTable, priors: Priors = ()) -> Estimate:
     """Return the estimate of one recording.
 
     Parameters

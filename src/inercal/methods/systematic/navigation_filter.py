@@ -30,6 +30,7 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation import FilterHistory, Gaussian
+from inercal.methods import Priors
 from inercal.methods.systematic._filter_kernel import (
     FILTER_MATRICES,
     FILTER_VECTORS,
@@ -83,7 +84,7 @@ class FilterModel:
 
     sensor: Sensor
     known: StillTable
-    priors: Sequence[Gaussian]
+    priors: Priors
     run_duration: float
     dt: float
     means: bool

@@ -26,8 +26,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Hand
-from inercal.estimation import Estimate, Gaussian
-from inercal.methods import Fit, Method, Remarks
+from inercal.estimation import Estimate
+from inercal.methods import Fit, Method, Priors, Remarks
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.node_fit import NodeProblem, fit_along_nodes
 from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, fit_ramp, ramp_model
@@ -53,7 +53,7 @@ def ramp(
     sensor: Sensor,
     bench: Hand,
     steps: Sequence[Hold],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     *,
     environment: Environment | None = None,
 ) -> Estimate:

@@ -10,7 +10,6 @@ exponential, and b(R) fits as well as b(T). If χ² without a lag is hardly larg
 followed the noise: then neither the lag nor its uncertainty means anything.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,7 +18,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
-from inercal.estimation import Estimate, Gaussian
+from inercal.estimation import Estimate
+from inercal.methods import Priors
 from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, solve_ramp
 from inercal.methods.temperature_ramp.thermometer_steps import is_one_exponential
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
@@ -32,9 +32,7 @@ _NO_LAG = 0.5  # s
 LEAST_GAIN = 60.0  # of χ² by a lag; between the good and the bad cases that were simulated
 
 
-def fit_along_nodes(
-    model: RampModel, priors: Sequence[Gaussian], environment: Environment
-) -> Estimate:
+def fit_along_nodes(model: RampModel, priors: Priors, environment: Environment) -> Estimate:
     """Return the estimate of a ramp with a coarse thermometer.
 
     A stated lag with its uncertainty is a prior where the data determine a lag, and is taken as
@@ -87,9 +85,7 @@ def _with_lag(model: RampModel, lag: float) -> RampModel:
     return model._replace(nuisances=tuple(n for n in model.nuisances if n != LAG), lag=lag)
 
 
-def _fit(
-    model: RampModel, priors: Sequence[Gaussian], environment: Environment, lag: float
-) -> Estimate:
+def _fit(model: RampModel, priors: Priors, environment: Environment, lag: float) -> Estimate:
     rows = len(model.names) + 1
     linearise = NodeProblem(model).linearise
     estimate = solve_ramp(model, priors, environment, linearise, rows, lag)

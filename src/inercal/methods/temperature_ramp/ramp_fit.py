@@ -20,6 +20,7 @@ from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.run_file_advice import Change
 from inercal.estimation import Candidate, Estimate, Gaussian, Problem, least_squares
 from inercal.estimation.problem import Linearise
+from inercal.methods import Priors
 from inercal.methods.candidates import (
     Column,
     candidate,
@@ -205,7 +206,7 @@ def ramp_model(
     )
 
 
-def fit_ramp(model: RampModel, priors: Sequence[Gaussian], environment: Environment) -> Estimate:
+def fit_ramp(model: RampModel, priors: Priors, environment: Environment) -> Estimate:
     """Return the estimate of a ramp.
 
     Parameters
@@ -231,7 +232,7 @@ def fit_ramp(model: RampModel, priors: Sequence[Gaussian], environment: Environm
 
 def solve_ramp(
     model: RampModel,
-    priors: Sequence[Gaussian],
+    priors: Priors,
     environment: Environment,
     linearise: Linearise,
     rows: int,

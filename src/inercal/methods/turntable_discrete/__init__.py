@@ -34,17 +34,17 @@ from inercal.benches import MeanMotion
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
-from inercal.estimation import Estimate, Gaussian, Problem
+from inercal.estimation import Estimate, Problem
 from inercal.estimation import least_squares as solve
-from inercal.methods import Method, mean_problem
+from inercal.methods import Method, Priors, mean_problem
 from inercal.methods.observability import require_observed
-from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, remarks
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, Plan, remarks
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.score_columns import families
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.frames import log_so3
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Position, Rotation, TableStep
+from inercal.physics.plan import Position, Rotation
 from inercal.physics.sensors import Sensor
 from inercal.recordings import STAMP_ROUNDING, Observations, Track
 
@@ -75,7 +75,7 @@ def declared_parameters(bench: Turntable) -> dict[str, Parameter]:
     return bench.acting_parameters() | {"latitude": latitude}
 
 
-def planned_angles(bench: Turntable, steps: Sequence[TableStep]) -> list[AxisAngles]:
+def planned_angles(bench: Turntable, steps: Plan) -> list[AxisAngles]:
     """Return the ways that steps ask for; of a rotation one turn at its steady rate.
 
     Parameters
@@ -194,11 +194,7 @@ def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array])
 
 
 def least_squares(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the coefficients from one row for each position and each rotation.
 
@@ -241,7 +237,7 @@ def problem(
     sensor: Sensor,
     bench: Turntable,
     row_angles: Sequence[AxisAngles],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
 ) -> Problem:
     """Return the problem of all readings but those of accelerometers in rotations.
 
@@ -275,7 +271,7 @@ def problem(
 
 
 def _add_readback_noise(
-    observations: Observations, sensor: Sensor, bench: Turntable, steps: Sequence[TableStep]
+    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan
 ) -> Observations:
     """Return the observations with the readback's white noise σ in their covariance.
 
@@ -309,7 +305,7 @@ def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observatio
 
 
 def _rows_from_readback(
-    observations: Observations, track: Track, steps: Sequence[TableStep]
+    observations: Observations, track: Track, steps: Plan
 ) -> tuple[Observations, list[AxisAngles]]:
     """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
     means, ways = observations.mean.copy(), list[AxisAngles]()
@@ -334,7 +330,7 @@ def _rows_from_readback(
     return replace(observations, mean=means), ways
 
 
-def _require_axes(bench: Turntable, steps: Sequence[TableStep]) -> None:
+def _require_axes(bench: Turntable, steps: Plan) -> None:
     k = len(bench.axes)
     for step in steps:
         if step.angles is not None and len(step.angles) != k:

@@ -23,7 +23,7 @@ The estimate equals that of the recording bit for bit, whatever the pieces: the 
 the same steps. The final estimate may have larger uncertainties, by the excess of all innovations.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -33,8 +33,8 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name as named_path
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 from inercal.benches.turntable.simulation import turntable_path_duration
-from inercal.estimation import Gaussian
-from inercal.methods import Fit, Method, PartialEstimate, Remarks, turntable
+from inercal.methods import Fit, Method, PartialEstimate, Priors, Remarks, turntable
+from inercal.methods.turntable import Plan
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman.combined_estimate import (
     estimate_by_filters,
@@ -47,7 +47,6 @@ from inercal.methods.turntable_kalman.filter_config import (
     FilterConfig,
     filter_conditions,
 )
-from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Track, join_tracks
 
@@ -60,8 +59,8 @@ def sequential(
     estimator: str,
     sensor: Sensor,
     bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian],
+    steps: Plan,
+    priors: Priors,
     rate_hz: float,
     *,
     config: FilterConfig | None = None,
@@ -116,7 +115,7 @@ class FilterPair:
         sensor: Sensor,
         bench: Turntable,
         config: FilterConfig,
-        priors: Sequence[Gaussian],
+        priors: Priors,
         run_duration: float,
     ):
         self._sensor, self._bench, self._config = sensor, bench, config

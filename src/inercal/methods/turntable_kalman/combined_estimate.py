@@ -12,8 +12,8 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import NO_SCORE_TESTS
-from inercal.methods import temperature
-from inercal.methods.turntable import model
+from inercal.methods import Priors, temperature
+from inercal.methods.turntable import Plan, model
 from inercal.methods.turntable_kalman import filter_tests
 from inercal.methods.turntable_kalman._filter_steps import INNOVATION_GATE
 from inercal.methods.turntable_kalman.filter_config import (
@@ -24,7 +24,6 @@ from inercal.methods.turntable_kalman.filter_config import (
     require_whole_epoch,
     sampling_step,
 )
-from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
@@ -38,7 +37,7 @@ def run_filter(
     bench: Turntable,
     track: Track,
     config: FilterConfig,
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     *,
     smooth: bool = False,
 ) -> filter_tests.FilterResult:
@@ -70,8 +69,8 @@ def estimate_by_filters(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
     *,
     config: FilterConfig,
 ) -> Estimate:
@@ -186,7 +185,7 @@ def _table_sensitivities(
     return moved
 
 
-def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
+def split_priors(sensor: Sensor, priors: Priors) -> list[Gaussian]:
     """Return priors by triad: each filter has its own.
 
     Raises

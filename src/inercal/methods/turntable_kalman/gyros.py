@@ -9,7 +9,7 @@ readback is compared with an attitude between samples, at most 8 standard deviat
 old.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
@@ -23,7 +23,7 @@ from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
-from inercal.estimation import Gaussian
+from inercal.methods import Priors
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import ARCSEC, table_sensitivity
 from inercal.methods.turntable_kalman import _gyros
@@ -88,7 +88,7 @@ class GyroFilter(Filter[AttitudeState]):
         sensor: Sensor,
         bench: Turntable,
         track: Track,
-        priors: Sequence[Gaussian] = (),
+        priors: Priors = (),
         *,
         bias_drift: bool = True,
         table: Literal["whole", "lean", "exact"] = "whole",
