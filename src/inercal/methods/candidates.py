@@ -16,9 +16,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
 from inercal.basics.parameters import Parameter
 from inercal.estimation import Candidate, Problem
@@ -110,7 +109,7 @@ def candidate_function(
     families: Mapping[str, Sequence[str]] | None = None,
     priors: Priors = (),
     common_errors: Sequence[str] = (),
-    zero_input: NDArray[np.bool_] | None = None,
+    zero_input: Bools | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
     """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
 

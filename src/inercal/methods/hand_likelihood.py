@@ -9,9 +9,8 @@ uncertainty therefore includes errors of fixture, turn angles, local gravity and
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import NotObserved
 from inercal.basics.parameters import Parameter
 from inercal.benches import Hand
@@ -141,7 +140,7 @@ def _unread_forces(turns: Plan, gravity: float) -> dict[str, Parameter]:
     }
 
 
-def _zero_input_readings(sensor: Sensor, done: Plan) -> NDArray[np.bool_] | None:
+def _zero_input_readings(sensor: Sensor, done: Plan) -> Bools | None:
     """Return which readings are of axes with zero nominal input, (r·m,), row after row.
 
     None where each position occurs once: two or four readings of an axis do not show a sign.

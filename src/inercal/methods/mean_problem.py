@@ -10,9 +10,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanBench, MeanMotion
@@ -198,7 +197,7 @@ def problem(
     common_errors: Sequence[str] = (),
     unknown_forces: Mapping[str, Array] | None = None,
     stated_noise: ReadingNoise | None = None,
-    zero_input: NDArray[np.bool_] | None = None,
+    zero_input: Bools | None = None,
     suspects: Mapping[str, Parameter] | None = None,
 ) -> Problem:
     """Return the problem of all readings.
@@ -321,7 +320,7 @@ def _compare_vectors(
     read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
     relative_size = float(np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))))
 
-    def stated_motion(x: Array, which: NDArray[np.int64]) -> MeanMotion:
+    def stated_motion(x: Array, which: Indices) -> MeanMotion:
         own = offsets[which] if offsets.ndim == 2 and len(offsets) > 1 else offsets
         return sensed_motion(x, own)
 
@@ -346,7 +345,7 @@ def _compare_vectors(
     )
 
 
-def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:
+def row_subset(whole: Problem, at: Indices) -> Problem:
     """Return the problem of some of a problem's observations alone.
 
     Parameters

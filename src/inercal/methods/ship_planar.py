@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import NotObserved
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
@@ -173,7 +173,7 @@ def affine_estimate(
     notes: tuple[str, ...],
     rank: int = 12,
     null_directions: tuple[NullDirection, ...] = (),
-    converged: NDArray[np.bool_] | None = None,
+    converged: Bools | None = None,
     iterations: NDArray[np.intp] | None = None,
 ) -> Estimate:
     """Return the estimate of a model with equal weights of rows that share the bench's errors.

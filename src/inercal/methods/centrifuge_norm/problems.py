@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
 from inercal.benches.centrifuge.arm_motion import (
@@ -278,9 +278,7 @@ def _ungauged_norm_problem(
     )
 
 
-def _same_dwell_rows(
-    observations: Observations, bench: Centrifuge, steps: Plan
-) -> NDArray[np.bool_] | None:
+def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Plan) -> Bools | None:
     """Return which rows share a dwell, (r, r); None where no error of a dwell is shared."""
     if not (bench.dwell_rate or bench.dwell_tilt):
         return None

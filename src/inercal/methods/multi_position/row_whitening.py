@@ -19,14 +19,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.residual_scatter import ScatterModel, chi_squared, fit_scatter
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.methods.multi_position.rotations import RotationResiduals
 
-Places = NDArray[np.int64]
 Whiten = Callable[[Array], Array]
 _ROWS_PER_REST = 6  # rows from rest to rest
 _BLOCK_ROWS = 8  # that one rest enters
@@ -203,7 +201,7 @@ def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
     return _statistics(rests, rows.residual, jacobian, whiten, dof, rests.rounding_share[0])
 
 
-def rate_scatter(rests: Rests, rows: ResidualRows, shown: Places) -> ScatterStatistics:
+def rate_scatter(rests: Rests, rows: ResidualRows, shown: Indices) -> ScatterStatistics:
     """Return the statistics of the rates at rest, which determine the places `shown` of x."""
     residual, jacobian = _rate_rows(rests, rows, shown)
     dof = max(len(residual) - shown.size, 0)
@@ -225,7 +223,7 @@ def _statistics(
 
 
 def rotation_scatter(
-    rests: Rests, rows: ResidualRows, shown: Places, fitted: Places, scatter: Scatter
+    rests: Rests, rows: ResidualRows, shown: Indices, fitted: Indices, scatter: Scatter
 ) -> ScatterStatistics:
     """Return the statistics of the rotations: their increment of the χ² of norms and rates.
 
@@ -235,7 +233,7 @@ def rotation_scatter(
     rows : ResidualRows
         At a solution.
     shown, fitted : arrays of int
-        Places of x that the rates alone show, and that rates and rotations show together; the
+        Indices of x that the rates alone show, and that rates and rotations show together; the
         accelerometers' besides.
     scatter : Scatter
         Of what was judged before.
@@ -273,7 +271,7 @@ def rotation_scatter(
     return ScatterStatistics(max(chi2, 0.0), dof, found)
 
 
-def _rate_rows(rests: Rests, rows: ResidualRows, shown: Places) -> tuple[Array, Array]:
+def _rate_rows(rests: Rests, rows: ResidualRows, shown: Indices) -> tuple[Array, Array]:
     count = 3 * len(rows.norm.residual)
     return rows.residual[-count:], rows.jacobian[-count:, shown]
 

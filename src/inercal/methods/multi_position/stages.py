@@ -17,9 +17,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation import (
     Candidate,
     Estimate,
@@ -40,7 +39,6 @@ from inercal.methods.multi_position.rest_candidates import (
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.physics.sensors import G0
 
-Places = NDArray[np.int64]
 _COARSE_ITERATIONS = 6  # steps
 # Rests, beyond which no axis is scored apart: memory grows with their square
 _MAX_SCORED_RESTS = 100
@@ -171,7 +169,7 @@ def score_tests(rests: Rests, last: FitStage, priors: Priors) -> ScoreTestSet:
     ).score_tests
 
 
-def _free_indices(rests: Rests) -> Places:
+def _free_indices(rests: Rests) -> Indices:
     """Return the places in x of all coefficients and of what else is not exact."""
     loose = [known.sd > _EXACT_LIMIT for known in rests.known_quantities]
     return np.flatnonzero([True] * len(rests.sensor.coefficients) + loose)
@@ -179,7 +177,7 @@ def _free_indices(rests: Rests) -> Places:
 
 def _fit(
     rests: Rests,
-    free: Places,
+    free: Indices,
     x: Array,
     scatter: Scatter,
     priors: Priors,

@@ -40,9 +40,8 @@ from itertools import product
 from math import pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
@@ -136,7 +135,7 @@ def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
     return [0.0, *through, 0.0, *(-rate for rate in through), 0.0]
 
 
-def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: Plan) -> NDArray[np.bool_]:
+def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: Plan) -> Bools:
     """Return whether each reading, row after row, (r m,), has no nominal input.
 
     In a pose a gyro senses the earth's rate alone, whose level part is unknown: that is none.
@@ -148,7 +147,7 @@ def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: Plan) -> 
     return (np.abs(np.stack(sensed, axis=-1)) < _NOTHING).ravel()
 
 
-def without_signs(whole: Problem, sensor: Sensor, unsigned: NDArray[np.bool_]) -> Problem:
+def without_signs(whole: Problem, sensor: Sensor, unsigned: Bools) -> Problem:
     """Return the problem without terms that depend on a sign in some readings.
 
     Parameters
@@ -182,11 +181,7 @@ def without_signs(whole: Problem, sensor: Sensor, unsigned: NDArray[np.bool_]) -
 
 
 def least_squares_line(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RatePlatform,
-    steps: Plan,
-    used: NDArray[np.int64],
+    observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Plan, used: Indices
 ) -> Estimate:
     """Return the coefficients, with the noise of the means propagated.
 
@@ -306,7 +301,7 @@ def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, .
     return result
 
 
-def _used_readings(sensor: Sensor, steps: Plan) -> NDArray[np.int64]:
+def _used_readings(sensor: Sensor, steps: Plan) -> Indices:
     """Return the places of the readings that are used, row after row."""
     turning = np.array([isinstance(step, sections.RateDwell) and step.rate != 0 for step in steps])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])

@@ -9,9 +9,8 @@ about one speed.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.benches.rate_platform.bench import RatePlatform
@@ -35,7 +34,7 @@ def require_determined(
     bench: RatePlatform,
     steps: Plan,
     priors: Priors,
-    used: NDArray[np.int64],
+    used: Indices,
 ) -> None:
     """Refuse coefficients that the sections do not determine. Those with a prior count as known.
 

@@ -27,9 +27,8 @@ weights assume equal errors in g, and no nuisance is estimated: `joint` does bot
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
@@ -100,7 +99,7 @@ def planar_norm(
 
 def fit_vectors_and_norms(
     level: Array, f: Array, groups: Array, square: Array
-) -> tuple[AffineModel, Array, NDArray[np.bool_]]:
+) -> tuple[AffineModel, Array, Bools]:
     """Return the model, the derivative of θ by each row, (..., 12, 3 r + s), and converged.
 
     Arguments as of `linearised_rows`.

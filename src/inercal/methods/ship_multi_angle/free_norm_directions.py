@@ -21,9 +21,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.estimation import NullDirection
@@ -200,11 +199,7 @@ def starting_point(
 
 
 def require_convergence(
-    converged: NDArray[np.bool_],
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Plan,
-    groups: Sequence[int],
+    converged: Bools, sensor: Sensor, bench: RateTable, steps: Plan, groups: Sequence[int]
 ) -> None:
     """Refuse a solution that does not converge because these tilts do not show a direction.
 

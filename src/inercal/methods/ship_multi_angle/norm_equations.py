@@ -49,7 +49,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import is_tilted
@@ -120,7 +120,7 @@ class DampedSolution(NamedTuple):
 
     model: AffineModel
     cost: Array  # (...), Σρ², g⁴
-    converged: NDArray[np.bool_]
+    converged: Bools
     steps: NDArray[np.intp]
 
 

@@ -24,7 +24,6 @@ from math import degrees
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity, format_value_and_uncertainty
@@ -125,7 +124,7 @@ def _response(gravity: float, earth: Array) -> Array:
     """Return ∂(position east, north)/∂(δf, δω) after an hour, (2, 6)."""
     level = np.diag([1.0, 1.0, 0.0])
     up = skew(_UP)
-    a: NDArray[np.float64] = np.zeros((9, 9))
+    a: Array = np.zeros((9, 9))
     a[:3, 3:6] = level
     a[3:6, 3:6] = -2 * level @ skew(earth)
     a[3:6, 6:] = -gravity * level @ up

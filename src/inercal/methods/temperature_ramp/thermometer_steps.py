@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.interpolate  # pyright: ignore[reportMissingTypeStubs]
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.units import ZERO_CELSIUS
 
 _FREE, _FREE_AT_ENDS = 0.2, 0.4  # spacings of the crossings: standard uncertainty of a free point
@@ -174,9 +173,7 @@ def is_one_exponential(crossings: Crossings) -> bool:
     return least / dof < _ONE_EXPONENTIAL
 
 
-def _of_boundary(
-    time: Array, above: NDArray[np.bool_], period: float
-) -> list[tuple[float, float, int]]:
+def _of_boundary(time: Array, above: Bools, period: float) -> list[tuple[float, float, int]]:
     """Return time, duration of the flips, and number of flips of each crossing of a boundary."""
     flips = np.flatnonzero(np.diff(above)) + 1
     apart = np.flatnonzero(np.diff(time[flips]) > max(_FLIPS_BELONG_WITHIN, 3 * period)) + 1

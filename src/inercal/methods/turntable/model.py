@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
@@ -73,7 +72,7 @@ class TriadModel:
 
     sensor: Sensor
     terms: Terms
-    channels: NDArray[np.int64]
+    channels: Indices
     white: Array
     drift: Drift
     expected_sizes: Mapping[str, float] = field(default_factory=lambda: EXPECTED_SIZES)

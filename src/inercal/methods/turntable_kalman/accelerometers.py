@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.methods import Priors
@@ -201,7 +200,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         piece = FilterPiece(track.time[epochs], steps, history)
         return self.count_dof(state, nis, piece, 3 + tested, int(tested[begins].sum())), piece
 
-    def _readback(self, epochs: NDArray[np.int64], track: Track) -> VelocityReadback:
+    def _readback(self, epochs: Indices, track: Track) -> VelocityReadback:
         """Return the readback at the epochs (e,) of a track as the kernel takes it."""
         angles = track.angles[epochs]
         e, q = len(angles), len(self.table)

@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import ClassVar, Generic, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from inercal.basics.arrays import Array, Indices
@@ -303,9 +302,7 @@ class Filter(ABC, Generic[S]):
         for m in np.flatnonzero(terms.bias & (terms.axis == i)):
             row[at + m] = terms.weights[m, BIAS]
 
-    def count_dof(
-        self, state: S, nis: float, made: FilterPiece, tested: NDArray[np.int64], free: int
-    ) -> S:
+    def count_dof(self, state: S, nis: float, made: FilterPiece, tested: Indices, free: int) -> S:
         """Return a state with the sum of NIS and its degrees of freedom after a piece.
 
         Parameters

@@ -16,9 +16,8 @@ from math import ceil
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
@@ -227,7 +226,7 @@ class GyroFilter(Filter[AttitudeState]):
         return self.count_dof(after, nis, piece, tested, self.rows * anew), piece
 
     def _readback(
-        self, epochs: NDArray[np.int64], age: Array, angles: Array, variance: Array
+        self, epochs: Indices, age: Array, angles: Array, variance: Array
     ) -> AttitudeReadback:
         """Return the readback at epochs (e,) of samples as the kernel takes it."""
         e, q = epochs.size, len(self.table)
@@ -276,7 +275,7 @@ class GyroFilter(Filter[AttitudeState]):
         return samples, (now[:, 0], now[:, 1], now[:, 2:]), tail
 
     @cached_property
-    def _timing_state_indices(self) -> NDArray[np.int64]:
+    def _timing_state_indices(self) -> Indices:
         """The indices of latency, clock and azimuth among the states, -1 if absent."""
         names = self.states
         return np.array([names.index(n) if n in names else -1 for n in _TIMING_PARAMETERS])

@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_rate
@@ -186,7 +185,7 @@ class RotationRows:
         time = self.track.time
         return 3 * int(np.count_nonzero(self._increments_across_gaps(time[self.epochs])))
 
-    def _increments_across_gaps(self, when: Array) -> NDArray[np.bool_]:
+    def _increments_across_gaps(self, when: Array) -> Bools:
         """Return which increments contain a gap that rates cannot bridge, (e,)."""
         time = self.track.time
         after = np.flatnonzero(np.diff(time) > MAX_GAP_SECONDS)
