@@ -11,7 +11,7 @@ first order, the effects of pose, seat, speed and lean.
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 1 to 5. The covariance is ours.
 
-The error of a calibration on new poses, by its own covariance.
+**The error of a calibration on new poses, by its own covariance.**
 
 Residuals of the fit show how well the model follows the fitted readings. A user needs the error of
 the corrected vector in other poses, δf = −S⁻¹ ∂h/∂c δc: a free direction shows only there.

@@ -18,7 +18,7 @@ the change that would repair each. No row is changed: only the user has the orig
 Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021 (the observation);
 IEEE Std 836 (the bench); `ml` is ours.
 
-Plans for the arm: attitudes at several rates, whole turns each.
+**Plans for the arm: attitudes at several rates, whole turns each.**
 
 Norms determine an axis's coefficients by readings of both signs on it. In the twenty positions of
 Wang and Li 2021 ψ covers half a circle, and y never senses the arm from behind; on a full circle

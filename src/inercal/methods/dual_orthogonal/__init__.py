@@ -19,7 +19,7 @@ mounting angle plus the mean error of the head, above all of its zero.
 Source: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, rebuilt from
 the physics; IEEE Std 1293 for the tumble test; `joint` is ours.
 
-Sums of coefficients that are known far better than each coefficient alone.
+**Sums of coefficients that are known far better than each coefficient alone.**
 
 An accelerometer that is vertical determines k1 + K3 g². Positions between would separate the two,
 but there the head's second harmonic has the same effect; a centrifuge separates them, or a polygon

@@ -7,7 +7,7 @@ with it that of the k1, needs a prior. With δ the four points are computed agai
 Source: CN101852817A, steps 4 to 6, equations 5 to 19, with the exact observation in place of the
 linear one, which fails at a bias of 1 mg and a mounting angle of 300″.
 
-The four cardinal positions: bias, gain and K2 of both accelerometers from sums and differences.
+**The four cardinal positions: bias, gain and K2 of both accelerometers from sums and differences.**
 
 With u and v the readings of a level accelerometer (0° and 180° for A, 270° and 90° for B) and n, m
 those of a vertical one, up and down (90° and 270°, 0° and 180°), in g::

@@ -6,7 +6,7 @@ of eight diagonals, at 6 i; the rotations' own noise onto theirs. Rows that do n
 transition across a gap) keep a variance of one and take no part. Work and memory grow with the
 number of rests.
 
-χ² of each kind of rows, and the share or excess of the noise that explains it.
+**χ² of each kind of rows, and the share or excess of the noise that explains it.**
 
 Norms come first, then rates, then rotations, each with the noise of those before: the readings of a
 rest enter all three kinds.

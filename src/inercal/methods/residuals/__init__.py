@@ -5,10 +5,8 @@ y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain 
 of the motion. Norm observation: the attitude is unknown, and only the norm of the sensed motion is
 compared. A compiled kernel computes trials of three accelerometers from their declared terms.
 
-Normal equations of readings in known motion, for many trials at once.
-
-`inercal.methods.residuals.vector_residuals` has the model; here a compiled pass whitens its rows
-trial by trial.
+For many trials at once, `VectorEquations` and `norm_normal_equations` are the normal equations of
+both: a compiled pass whitens the rows trial by trial.
 """
 
 from collections.abc import Callable, Mapping

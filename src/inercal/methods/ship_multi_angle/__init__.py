@@ -16,7 +16,7 @@ Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technolo
 10.13873/J.1000-9787(2014)10-0021-04; its equations are illegible in our copy and rebuilt from its
 text. `joint`, `planar_norm` and all covariances are ours.
 
-Untilted states as vectors and tilted ones as norms, with equal weights.
+**Untilted states as vectors and tilted ones as norms, with equal weights.**
 
     minimise Σ |M a + p − f|² over untilted states + Σ (|M a + p| − √(A² + 1))² over tilted ones
 

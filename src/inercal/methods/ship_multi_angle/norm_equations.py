@@ -1,12 +1,4 @@
-"""The source's equations by a global search, in place of its commercial optimiser.
-
-SciPy's differential evolution (Storn and Price 1997) minimises the sum of squares of the norms'
-equations within bounds about nominal; the damped equations then polish the result. The source sets
-its optimiser a goal of 5 % error; here the error is the largest over the groups of
-| |M a + p| / √(A² + 1) − 1 |. Coefficients far from the truth meet this goal. Equal seeds give
-equal results, unless the time limit ends the search.
-
-Norms of a tilted triad: the source's equations, its damped solution, and the symmetric frame.
+"""Norms of a tilted triad: the source's equations, their solutions, and the symmetric frame.
 
 With v = M a + p, in g, each group has one equation and one row of slopes by θ::
 
@@ -30,11 +22,15 @@ are exact. A change Δ of θ changes the result by P Δ, Δ and the rotation tha
 with the rotations as columns of R and the slopes of H_ij − H_ji as rows of C. P R = 0: the start or
 chance that decided the rotation affects neither the result nor its uncertainty.
 
+A global search is in place of the source's commercial optimiser: SciPy's differential evolution
+(Storn and Price 1997) minimises the sum of squares of the equations within bounds about nominal;
+the damped equations then polish the result. The source sets its optimiser a goal of 5 % error; here
+the error is the largest over the groups of | |M a + p| / √(A² + 1) − 1 |. Coefficients far from the
+truth meet this goal. Equal seeds give equal results, unless the time limit ends the search.
+
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 6 to 9; Levenberg 1944 and Marquardt 1963 for μ, which it does not print: a tenth of it
 after a step that lowers the sum of squares, ten times it after one that does not.
-
-The rows of tilted states, their norms, and the columns of their axes.
 """
 
 # SciPy has no stubs.

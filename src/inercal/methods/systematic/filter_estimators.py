@@ -1,13 +1,11 @@
-"""The Kalman form of systematic calibration: a recording is followed in passes.
+"""The Kalman form of systematic calibration, over a recording in passes or over a run live.
 
 A pass starts with the coefficients of the pass before; its last estimate is the smoothed one, as
 the coefficients have no dynamics. The batch uses more of what is known of a rest, its mean rate in
 all axes.
 
-The live estimate of systematic calibration: the filter over a run as its samples come.
-
-The first rests are kept until they show the azimuth; then the filter follows them and all that
-comes. It is a single pass: what it is linearised about is found from those rests.
+In a live run the first rests are kept until they show the azimuth; then the filter follows them and
+all that comes. It is a single pass: what it is linearised about is found from those rests.
 """
 
 from collections.abc import Mapping

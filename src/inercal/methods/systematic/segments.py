@@ -1,6 +1,6 @@
 """A recording cut into rests and the turns between them, with what noise and drift each has.
 
-Tests of rests: whether their two halves agree, which a table that creeps or is knocked fails.
+A test compares the two halves of each rest: a table that creeps or is knocked fails it.
 """
 
 from dataclasses import dataclass, replace

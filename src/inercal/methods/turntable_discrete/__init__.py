@@ -9,7 +9,7 @@ over the run. Accelerometers in rotations are not used: an unstated lever arm wo
 Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
 Navigation Technology, 2nd edition, chapter 8.
 
-The mean motion that an IMU on a turntable senses in a position, and over a rotation.
+**The mean motion that an IMU on a turntable senses in a position, and over a rotation.**
 
 The readback's attitude C_k at times t_k is off by a small rotation φ_k = B_k β in the level frame::
 

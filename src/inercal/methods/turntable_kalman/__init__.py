@@ -17,7 +17,7 @@ Source: Liu, Cui, Zhang and Xu (North University of China), fast calibration of 
 turntable with LabVIEW. The available copy lacks the equations; they are derived from its text.
 Drift, delay and the table's errors as states are additions.
 
-Both filters of a run over its samples as they come.
+**Both filters of a run over its samples as they come.**
 
 The estimate equals that of the recording bit for bit, whatever the pieces: the same filters take
 the same steps. The final estimate may have larger uncertainties, by the excess of all innovations.

@@ -2,9 +2,7 @@
 
 The state before each piece is kept. What a filter did in a piece, 5 to 8 kB an epoch, is computed
 again from there where it is wanted: forward for the tests, backward for the smoother. A filter over
-pieces takes the same steps to the last bit.
-
-The states of both filters, as their kernels change them in place.
+pieces takes the same steps to the last bit. Kernels change the state of a filter in place.
 """
 
 from collections.abc import Iterator, Sequence

@@ -2,7 +2,7 @@
 
 Level frame and signs as in `inercal.methods.turntable.strapdown`.
 
-How rates bend between samples: the angle of a step is that of a parabola, not of a trapezoid.
+**How rates bend between samples: the angle of a step is that of a parabola, not of a trapezoid.**
 
 A trapezoid misses −Δt² (α₁ − α₀)/12 of an angle while the acceleration α is not zero: as much at
 the start of a turn as at its end, with the other sign, which is what a scale factor does. With the
