@@ -9,7 +9,7 @@ from tests.methods.dual_orthogonal_cases import SENSOR, SI, nominal
 
 from inercal.estimation.uncertainty import jacobian
 from inercal.methods.dual_orthogonal import g_squared
-from inercal.methods.dual_orthogonal.four_points import four_points
+from inercal.methods.dual_orthogonal.patent_estimator import four_points
 from inercal.physics.sensors import G0
 
 Array = NDArray[np.float64]

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from tests.accuracy import centrifuge as independent
 
 from inercal.estimation import least_squares
-from inercal.methods.centrifuge_norm import closed_formulas
-from inercal.methods.centrifuge_norm.arm_plans import RATES
+from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.studies import Study
 from inercal.studies.centrifuge import (

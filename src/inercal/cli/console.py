@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from inercal.laboratory.store import Register
-    from inercal.methods.ship_multi_angle.global_search import Generation
+    from inercal.methods.ship_multi_angle.norm_equations import Generation
     from inercal.pipeline import Outcome
     from inercal.runfile import Run
 

@@ -39,7 +39,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.run_file_advice import Change
 from inercal.estimation.lazy_value import LazyValue
 
-Kind = Literal["coefficient", "bench", "row", "time"]
+CandidateKind = Literal["coefficient", "bench", "row", "time"]
 
 SIGNIFICANCE_LEVEL = 0.01  # of all tests of one estimate together
 SCORE_TEST_SHARE = 0.8  # of the level, for the scores; the rest is for χ² and the method's tests
@@ -150,7 +150,7 @@ class Candidate:
     """
 
     name: str
-    kind: Kind
+    kind: CandidateKind
     components: tuple[str, ...]
     units: tuple[str, ...]
     rows: Array
@@ -235,7 +235,7 @@ class ScoreTest:
     """
 
     name: str
-    kind: Kind
+    kind: CandidateKind
     components: tuple[str, ...]
     units: tuple[str, ...]
     size: Array

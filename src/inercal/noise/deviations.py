@@ -79,9 +79,9 @@ def _squares_of_subsequences(series: Array, m: int) -> tuple[float, int]:
     return total, len(windows)
 
 
-Kind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
+DeviationKind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
 Spacing = Literal["octave", "decade", "all"]
-KINDS: tuple[str, ...] = get_args(Kind)
+KINDS: tuple[str, ...] = get_args(DeviationKind)
 SPACINGS: tuple[str, ...] = get_args(Spacing)
 FULL_OVERLAP = 1024  # averaging factor up to which every difference is used
 _OVERLAP = 16  # differences within an averaging time past that

@@ -52,7 +52,7 @@ from inercal.recordings.data import EstimatorInput
 from inercal.runfile import Run, read
 
 if TYPE_CHECKING:
-    from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchHistory
 
 
 @with_one_thread
@@ -314,7 +314,7 @@ def _calibrate(stated: Run, progress: "Callable[[Generation], None] | None") -> 
 def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHistory | None":
     if run.search is None:
         return None
-    from inercal.methods.ship_multi_angle.global_search import SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
 
     return SearchHistory(run.search.goal, tuple(generations))
 

@@ -26,7 +26,7 @@ from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_r
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import Candidate
-from inercal.estimation.scores import Kind
+from inercal.estimation.scores import CandidateKind
 from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, largest_angle
 from inercal.methods.turntable.model import TriadModel
 from inercal.physics.frames import exp_so3, log_so3
@@ -48,7 +48,7 @@ class ConstantColumn:
     """One constant: its name and unit, the largest plausible size, SI, the candidates it is in."""
 
     name: str
-    kind: Kind
+    kind: CandidateKind
     unit: str
     largest: float
     families: tuple[str, ...]

@@ -37,8 +37,6 @@ from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording, sample_count
 
-Kind = Measures
-
 WINDOW = 0.5  # s over which scatter is computed
 CLASS_RATIO = 1.75  # ratio of the classes' mean scatters
 _STAY = 2.0  # s for which an unchanged level is counted
@@ -63,7 +61,7 @@ class MotionThreshold:
         Infinite where rest and motion of this kind are not distinct.
     """
 
-    kind: Kind
+    kind: Measures
     unit: str
     quiet: float
     moving: float
@@ -83,7 +81,7 @@ class MotionThreshold:
 class WeightedAxes:
     """The columns of one kind of axis, with weights to the scale of the first column."""
 
-    kind: Kind
+    kind: Measures
     unit: str
     columns: Indices
     weight: Array
@@ -103,7 +101,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
             f"are {recording.data.shape}; detect them in each trial"
         )
     found: list[WeightedAxes] = []
-    for kind in get_args(Kind):
+    for kind in get_args(Measures):
         axes = sensor.select_axes(kind).axes
         if axes:
             columns = np.array([recording.channels.index(axis.name) for axis in axes])
@@ -128,7 +126,7 @@ def gapless_segments(recording: Recording) -> Indices:
     return np.column_stack([np.r_[0, after], np.r_[after, recording.time.size]])
 
 
-def scatter(recording: Recording, sensor: Sensor, kind: Kind) -> Array:
+def scatter(recording: Recording, sensor: Sensor, kind: Measures) -> Array:
     """Return the scatter that is compared with the thresholds, of each sample: (n,), output units.
 
     It is the standard deviation over a window, root mean square over the axes of one kind.

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.methods.centrifuge_norm import closed_formulas
-from inercal.methods.centrifuge_norm.arm_plans import RATES
+from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.physics.plan import Spin
 from inercal.studies.centrifuge.simulated_centrifuge import (
     AXES,

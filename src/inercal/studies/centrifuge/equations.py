@@ -14,8 +14,7 @@ from math import comb
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.methods.centrifuge_norm import closed_formulas
-from inercal.methods.centrifuge_norm.arm_plans import RATES
+from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.studies.centrifuge.simulated_centrifuge import (
     TRUTH,
     CentrifugeTrials,

@@ -18,8 +18,7 @@ from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Estimate
-from inercal.methods.centrifuge_norm import closed_formulas, ml
-from inercal.methods.centrifuge_norm.arm_plans import RATES, plan
+from inercal.methods.centrifuge_norm import RATES, closed_formulas, ml, plan
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import Readout, Sensor, triad

@@ -6,7 +6,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, position_plan, sensed_motion
-from inercal.methods.dual_orthogonal.four_points import four_points
+from inercal.methods.dual_orthogonal.patent_estimator import four_points
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0
 from inercal.studies.claim import format_significant, rms
