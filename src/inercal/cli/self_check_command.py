@@ -22,8 +22,7 @@ def run(
     """
     from inercal.basics.atomic_files import write_text
     from inercal.cli.outputs import SELF_CHECK, check_outputs
-    from inercal.pipeline.self_check import self_check
-    from inercal.pipeline.self_check.report import report_text
+    from inercal.pipeline.self_check import report_text, self_check
 
     check_outputs({} if json else {out / "self-check.txt": SELF_CHECK})
     with progress_status("checking") as update:
