@@ -21,8 +21,7 @@ def run(
     Run it before the first use, and after each change of version, libraries or machine. It takes
     about a minute. The exit status is 3 where a method fails.
     """
-    from inercal.pipeline.self_check import self_check
-    from inercal.pipeline.self_check.report import report_text
+    from inercal.pipeline.self_check import report_text, self_check
 
     check_outputs({} if json else {out / "self-check.txt": SELF_CHECK})
     with progress_status("checking") as update:

@@ -162,7 +162,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _Fitte
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
     zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     findings += zero_rates
-    sampled = inputs.sensor_of_samples(sensor)
+    solver_sensor = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings
     generations: list[Generation] = []
@@ -173,7 +173,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _Fitte
             progress(generation)
 
     try:
-        estimate = run.solver(after)(observations, sampled, bench, inputs.plan, run.priors)
+        estimate = run.solver(after)(observations, solver_sensor, bench, inputs.plan, run.priors)
     except (InputError, NotObserved) as error:
         located = error.located(run.path)
         located.args = (f"{located}{_possible_causes(inputs, sensor, zero_rates, error)}",)
@@ -219,7 +219,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _Fitte
     assumed = find_assumed_constants(expected)
 
     def solve(other: Bench) -> Estimate:
-        return run.solver()(observations, sampled, other, inputs.plan, run.priors)
+        return run.solver()(observations, solver_sensor, other, inputs.plan, run.priors)
 
     try:
         require_small_assumed_share(assumed, estimate, p, bench, solve)

@@ -347,11 +347,11 @@ class _Solver:
 
     def solve(self, observations: Observations, sensor: Sensor) -> Estimate:
         inputs, bench = self.inputs, self.inputs.bench or self.run.bench
-        sampled, plan = inputs.sensor_of_samples(sensor), inputs.plan
+        solver_sensor, plan = inputs.sensor_of_samples(sensor), inputs.plan
         if len(observations.labels) < len(inputs.observations.labels):
             by_label = {step.label: step for step in plan}
             plan = tuple(by_label[label] for label in observations.labels)
-        return self.run.solver()(observations, sampled, bench, plan, self.run.priors)
+        return self.run.solver()(observations, solver_sensor, bench, plan, self.run.priors)
 
     def leave_out(
         self, observations: Observations, sensor: Sensor, whole: Estimate
