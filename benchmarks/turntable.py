@@ -24,10 +24,10 @@ from tests.methods.turntable_cases import ARCSEC, bench, columns, sensor, track
 from benchmarks import Row, Skipped, best
 from benchmarks._compiled import library, pointer
 from inercal.benches import Turntable
+from inercal.methods.turntable_kalman import FilterPair
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.methods.turntable_kalman.sequential import FilterPair
 from inercal.recordings import Track
 
 Array = NDArray[np.float64]

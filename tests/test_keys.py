@@ -21,7 +21,7 @@ OTHER_TEXT = {
     # Names of files.
     "cli/certificate_commands.py",
     "cli/import_command.py",
-    "export/readers/__init__.py",
+    "export/readers.py",
     "basics/units/quantity.py",
     "host/web/app.py",
     "runfile/filter_fields.py",

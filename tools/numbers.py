@@ -23,6 +23,8 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 RECORD = ROOT / "tests" / "examples" / "numbers.json"
 ROUNDING = 1e-9  # of a standard uncertainty
+# The least uncertainty, SI, that counts: readings of order one hold no digits beyond 1e-9 of it.
+_FINEST = sys.float_info.epsilon / ROUNDING
 STUDIES = ("centrifuge", "dual-orthogonal", "one-sensor", "ship-model", "turntable")
 TRIALS = "200"  # of a study: its claims need more, the comparison of numbers does not
 # After `calibrate` of every run file, whose results are in `RESULTS`/<run file without suffix>.
@@ -100,13 +102,26 @@ def _without_texts(value: Any) -> Any:
 def all_numbers() -> dict[str, Any]:
     """Run every command, two at a time, and return the numbers by command."""
     with TemporaryDirectory() as name:
-        folder = Path(shutil.copytree(ROOT / "examples", Path(name) / "examples"))
+        folder = _copy_of_examples(Path(name))
         found: dict[str, Any] = {}
         for commands in ([("calibrate", one, "--json") for one in run_files(folder)], COMMANDS):
             with ThreadPoolExecutor(2) as pool:
                 numbers = pool.map(lambda one: numbers_of(one, folder), commands)
                 found |= dict(zip(map(" ".join, commands), numbers, strict=True))
         return {name: one for name, one in found.items() if one is not None}
+
+
+def _copy_of_examples(to: Path) -> Path:
+    """Copy the examples without what their user has made there, where git knows it."""
+    listed = subprocess.run(
+        ("git", "ls-files", "-z", "examples"), cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout
+    if not listed:
+        return Path(shutil.copytree(ROOT / "examples", to / "examples"))
+    for one in listed.rstrip("\0").split("\0"):
+        (to / one).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / one, to / one)
+    return to / "examples"
 
 
 def differences(before: Any, after: Any, where: str = "") -> Iterator[tuple[float, str]]:
@@ -119,13 +134,14 @@ def differences(before: Any, after: Any, where: str = "") -> Iterator[tuple[floa
             elif (
                 key == "value" and u and all(isinstance(one[key], float) for one in (before, after))
             ):
-                yield from _difference(before[key], after[key], u, f"{where}.{key}")
+                yield from _difference(before[key], after[key], max(u, _FINEST), f"{where}.{key}")
             elif key == "covariance" and _is_square(before[key], after[key]):
-                sd = [sqrt(abs(row[i])) for i, row in enumerate(before[key])]
+                sd = [max(sqrt(abs(row[i])), _FINEST) for i, row in enumerate(before[key])]
                 for i, row in enumerate(before[key]):
                     for k, one in enumerate(row):
-                        scale = sd[i] * sd[k] or 1e-300
-                        yield from _difference(one, after[key][i][k], scale, f"{where}.{key}")
+                        yield from _difference(
+                            one, after[key][i][k], sd[i] * sd[k], f"{where}.{key}"
+                        )
             else:
                 yield from differences(before[key], after[key], f"{where}.{key}")
     elif isinstance(before, list) and isinstance(after, list):

@@ -16,10 +16,10 @@
 The names below are loaded when they are first used, so that the command line starts quickly.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from inercal.basics.kernel_cache import prepare_kernel_cache
+from inercal.basics.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -33,24 +33,25 @@ if TYPE_CHECKING:
     from inercal.report import plot_coverage, plot_residuals, write_report
 
 _EXPORT_MODULES = {
-    "Calibration": "inercal.calibration",
-    "Outcome": "inercal.pipeline",
-    "analyse_noise": "inercal.noise",
-    "apply": "inercal.pipeline",
-    "calibrate": "inercal.pipeline",
-    "calibrate_batch": "inercal.pipeline.batch",
-    "demo": "inercal.host.demonstration",
-    "export_calibration": "inercal.export",
-    "import_calibration": "inercal.export.readers",
-    "load": "inercal.calibration.files",
-    "plot_coverage": "inercal.report",
-    "plot_residuals": "inercal.report",
-    "write_report": "inercal.report",
-    "save": "inercal.calibration.files",
-    "simulate": "inercal.pipeline",
+    "Calibration": "calibration",
+    "Outcome": "pipeline",
+    "analyse_noise": "noise",
+    "apply": "pipeline",
+    "calibrate": "pipeline",
+    "calibrate_batch": "pipeline.batch",
+    "demo": "host.demonstration",
+    "export_calibration": "export",
+    "import_calibration": "export.readers",
+    "load": "calibration.files",
+    "plot_coverage": "report",
+    "plot_residuals": "report",
+    "write_report": "report",
+    "save": "calibration.files",
+    "simulate": "pipeline",
 }
 
 
+_load = lazy_names(__name__, _EXPORT_MODULES)
 _kernel_folder = prepare_kernel_cache()  # removed when the process ends
 
 
@@ -59,11 +60,7 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("inercal")
-    if name not in _EXPORT_MODULES:
-        raise AttributeError(
-            f"module 'inercal' has no attribute {name!r}; it has {', '.join(_EXPORT_MODULES)}"
-        )
-    return getattr(import_module(_EXPORT_MODULES[name]), name)
+    return _load(name)
 
 
 def __dir__() -> list[str]:

@@ -9,8 +9,8 @@ from tests.accuracy.ferraris import G0, mems
 
 from inercal import calibrate
 from inercal.benches import Hand
+from inercal.methods.multi_position.rest_candidates import rest_changes
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
-from inercal.methods.multi_position.within_rest_changes import rest_changes
 from inercal.pipeline import Outcome
 
 RUN = """\

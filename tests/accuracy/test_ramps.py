@@ -8,10 +8,9 @@ from tests.evidence import temperature_ramps
 
 from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.methods.temperature_ramp import ramp, rest
+from inercal.methods.temperature_ramp import hysteresis, lag_and_rate_correlation, ramp, rest
 from inercal.methods.temperature_ramp.blocks import RampBlocks
-from inercal.methods.temperature_ramp.ramp_model import ramp_model
-from inercal.methods.temperature_ramp.ramp_remarks import hysteresis, lag_and_rate_correlation
+from inercal.methods.temperature_ramp.ramp_fit import ramp_model
 from inercal.physics.sensors import Noise
 from inercal.recordings.environment import Environment
 from inercal.recordings.segments.drift import drift_covariance, even_drift_covariance

@@ -9,7 +9,7 @@ import pytest
 from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
 from inercal.benches.centrifuge.simulation import simulate_arm_motion
-from inercal.methods.centrifuge_norm.arm_plans import plan
+from inercal.methods.centrifuge_norm import plan
 
 EXACT = Centrifuge(Measured(9.81, 0.0), Measured(1.2, 0.0), Measured(0.7, 0.0))
 STEPS = plan(turns=3)[::7]  # some attitudes, some rates

@@ -17,7 +17,7 @@ from tests.browser.page_actions import (
 )
 from tests.browser.scripted_server import ScriptedServer
 
-from inercal.report.glossary_page import glossary_page
+from inercal.report.templates import glossary_page
 
 
 def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: ScriptedServer):

@@ -13,8 +13,7 @@ from tests.refusals import refused
 from inercal.basics.units import Measured
 from inercal.benches import Centrifuge
 from inercal.estimation import Gaussian
-from inercal.methods.centrifuge_norm import ml, series
-from inercal.methods.centrifuge_norm.arm_plans import plan
+from inercal.methods.centrifuge_norm import ml, plan, series
 from inercal.physics.plan import Spin
 from inercal.pipeline.budget import Budget, Experiment, budget
 from inercal.pipeline.budget.contributions import effect_shifts, first_order_contributions

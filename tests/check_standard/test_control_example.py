@@ -12,7 +12,7 @@ from tests.program import run_program
 from tests.report.page_tags import parsed
 
 from inercal.pipeline import calibrate
-from inercal.report.calibration_page import page as report_page
+from inercal.report.calibration_page import calibration_page
 
 ROOT = Path(__file__).parents[2]
 
@@ -60,7 +60,7 @@ def test_a_run_while_the_bench_was_out_of_control_is_marked(example: Path):
     assert "out of control on 2026-03-28" in line
     assert "doubtful since 2026-03-25" in line
     assert outcome.calibration.conditions["check standard"].startswith("REF-1: out of control")
-    assert "out of control on 2026-03-28" in report_page(outcome, None)
+    assert "out of control on 2026-03-28" in calibration_page(outcome, None)
     # A week before the bench was in control.
     path = example / "job.toml"
     text = path.read_text(encoding="utf-8")

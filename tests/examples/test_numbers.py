@@ -6,8 +6,7 @@ import pytest
 from tools import numbers
 
 
-# Not yet in `make slow`: without AVX2 one coefficient of two accelerometers moves by 1e-8 u.
-@pytest.mark.evidence
+@pytest.mark.slow
 def test_numbers_of_examples_and_studies_are_those_on_record():
     before = json.loads(numbers.RECORD.read_text(encoding="utf-8"))
     assert numbers.beyond_rounding(before, numbers.all_numbers()) == []

@@ -16,7 +16,7 @@ from tests.program import run_program
 
 from inercal.basics.parallel import SerialExecutor, open_executor, open_tolerant_executor
 from inercal.basics.parallel.isolated_executor import IsolatedExecutor
-from inercal.cli import worker_option
+from inercal.cli import options
 from inercal.fleet import results
 from inercal.fleet.station import arriving_files
 
@@ -53,11 +53,11 @@ def test_this_machine_is_processes_that_open_no_port():
 def test_root_is_warned(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], user: int, warned: bool
 ):
-    monkeypatch.setattr(worker_option.os, "geteuid", lambda: user, raising=False)
-    worker_option.warn_of_root(None)
+    monkeypatch.setattr(options.os, "geteuid", lambda: user, raising=False)
+    options.warn_of_root(None)
     assert not capsys.readouterr().err
     for scheduler in ("local", "tcp://127.0.0.1:8786"):
-        worker_option.warn_of_root(scheduler)
+        options.warn_of_root(scheduler)
         assert ("root" in capsys.readouterr().err) is warned
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from tests.host.in_process_bench import ADDRESSES, InProcessBench, Port, ReplacedGuard
 
-from inercal.host import clock, imu_receiver, table_driver
+from inercal.host import clock, imu_port, table_driver
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.journal import Journal, JournalEvent
 from inercal.host.manual import dead_man, session
@@ -23,7 +23,7 @@ from inercal.host.sim.bench_simulator import COUNTS_PER_TURN, BenchDevice
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.runfile import Run
 
-_CLOCK_READERS = (clock, dead_man, imu_receiver, session, table_driver)
+_CLOCK_READERS = (clock, dead_man, imu_port, session, table_driver)
 Act = Callable[["ByHand"], None]
 
 

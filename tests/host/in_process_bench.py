@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.host.conftest import ScriptedLink
 
-from inercal.host import bench_run, clock, imu_receiver, interruptions, recorder, table_driver
+from inercal.host import bench_run, clock, imu_port, interruptions, recorder, table_driver
 from inercal.host.clock import HostUptime
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
@@ -34,7 +34,7 @@ ADDRESSES = (
 )
 _LAYOUT = read_layout("fixed")
 _HOST_START = 50.0  # s of the host's monotonic clock when the bench's time is 0
-_CLOCK_READERS = (bench_run, clock, imu_receiver, interruptions, recorder, table_driver)
+_CLOCK_READERS = (bench_run, clock, imu_port, interruptions, recorder, table_driver)
 
 
 class InProcessBench:
@@ -124,9 +124,10 @@ class InProcessBench:
             monkeypatch.setattr(module, "monotonic", self.monotonic)
         monkeypatch.setattr("time.time", self.utc)
         monkeypatch.setattr(clock, "sleep", self.advance)
-        monkeypatch.setattr(
-            bench_run, "read_host_uptime", lambda: HostUptime(self.boot, 1000.0 + self.time)
-        )
+        for module in (bench_run, recorder):
+            monkeypatch.setattr(
+                module, "read_host_uptime", lambda: HostUptime(self.boot, 1000.0 + self.time)
+            )
         monkeypatch.setattr(bench_run, "TableLock", lambda *_: nullcontext())
         monkeypatch.setattr(bench_run, "Guard", lambda *_, **__: ReplacedGuard(self))
         monkeypatch.setattr(bench_run, "open_table", lambda *_: self.table())

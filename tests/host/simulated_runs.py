@@ -11,8 +11,8 @@ from tests.host.journal_sections import sections_done
 from inercal.host.bench_run import BenchRun
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import JournalEvent
-from inercal.host.options import RunOptions
 from inercal.host.run_folder import RunFolder, create_run, reopen_run
+from inercal.host.tasks import RunOptions
 from inercal.runfile import Run, read
 
 HEAD = "label,kind,outer [°],middle [°],inner [°],seconds [s],axis,angle [°],rate [°/s]\n"

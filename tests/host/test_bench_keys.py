@@ -13,7 +13,7 @@ from tests.refusals import refused
 
 from inercal.cli.bench_view import listen_to_keys
 from inercal.cli.mounting_answers import read_answers
-from inercal.host.mounting_prompt import MountingRequest
+from inercal.host.spin_sequencer import MountingRequest
 
 PATIENCE = 20.0  # s
 

@@ -12,9 +12,9 @@ from tests.host.simulated_runs import SHORT, Act, Ended, Interfered, carried_out
 from inercal.host.addresses import open_table
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.drivers.rotary_table import ProtocolError, TableState
-from inercal.host.options import RunOptions
 from inercal.host.precompilation import precompile_run
 from inercal.host.run_log import IMU, read_frames
+from inercal.host.tasks import RunOptions
 
 
 class Bench(NamedTuple):

@@ -85,7 +85,7 @@ def test_of_the_host_only_the_journal_and_the_name_of_a_folder_read_the_date():
             is_time = isinstance(node, ast.ImportFrom) and node.module == "time" and "time" in names
             if is_time or names & {"datetime", "date"} or ast.unparse(node) == "import time":
                 readers.add(path.name)
-    assert readers == {"journal.py", "hub.py"}
+    assert readers == {"journal.py", "runs.py"}
 
 
 def test_the_uptime_of_the_host_goes_on_and_names_its_boot():

@@ -10,10 +10,10 @@ from tests.host.simulated_runs import plan
 
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.bench_run import BenchRun
-from inercal.host.commanded_motion import CommandedMotion
 from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.run_folder import create_run
 from inercal.host.sim.pmac import SimulatedPmac
+from inercal.host.table_driver import CommandedMotion
 from inercal.host.task_sequencer import (
     Command,
     HomeCommand,

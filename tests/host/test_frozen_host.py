@@ -29,7 +29,7 @@ from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
 from inercal.host.packets import read_layout
 from inercal.host.precompilation import precompile_run
-from inercal.host.run_completion import finish_run
+from inercal.host.run_execution import finish_run
 from inercal.pipeline import Outcome
 from inercal.recordings.io.hdf5 import read_group
 from inercal.runfile import Run

@@ -8,12 +8,11 @@ from typing import Any
 
 import pytest
 
-from inercal.host import imu_receiver
+from inercal.host import imu_port
 from inercal.host.addresses import open_imu
 from inercal.host.clock import Tick
 from inercal.host.guard import Guard
-from inercal.host.imu_port import ImuPort
-from inercal.host.imu_receiver import ImuReceiver
+from inercal.host.imu_port import ImuPort, ImuReceiver
 from inercal.host.link import LinkLost
 from inercal.host.packets import read_layout
 
@@ -29,7 +28,7 @@ def test_a_port_is_opened_again_in_less_time_than_the_watchdog_waits(
     monkeypatch: pytest.MonkeyPatch, scripted: Any
 ):
     now, openings = [100.0], list[float]()
-    monkeypatch.setattr(imu_receiver, "monotonic", lambda: now[0])
+    monkeypatch.setattr(imu_port, "monotonic", lambda: now[0])
 
     def opener(opening: float) -> ImuPort:
         openings.append(opening)

@@ -23,7 +23,7 @@ from inercal.methods.turntable_kalman.combined_estimate import (
     split_priors,
 )
 from inercal.methods.turntable_kalman.filter_config import FILTER_KINDS
-from inercal.methods.turntable_kalman.innovations import FilterResult
+from inercal.methods.turntable_kalman.filter_tests import FilterResult
 from inercal.pipeline import calibrate
 from inercal.runfile import Run, read
 

@@ -12,7 +12,7 @@ from inercal.benches import Turntable
 from inercal.benches.turntable.reading import observe
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
-from inercal.host.run_completion import FinishedRun, finish_run
+from inercal.host.run_execution import FinishedRun, finish_run
 from inercal.methods import METHODS, PartialEstimate
 from inercal.recordings import Track
 from inercal.runfile import Run

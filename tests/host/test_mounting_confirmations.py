@@ -22,18 +22,18 @@ from tests.host.test_ship_run import Killed, ship
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError
-from inercal.cli import mounting_answers, typed_confirmation
+from inercal.cli import mounting_answers
 from inercal.cli.bench_view import listen_to_keys
 from inercal.cli.mounting_answers import read_answers
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.bench_run import BenchRun
 from inercal.host.journal import Journal
 from inercal.host.run_folder import create_run
-from inercal.host.web.command_relay import CommandRelay
 from inercal.host.web.device_catalogue import DeviceCatalogue
 from inercal.host.web.hub import Hub
 from inercal.host.web.plans import Plans
 from inercal.host.web.runs import Runs
+from inercal.host.web.worker import CommandRelay
 
 PATIENCE = 20.0  # s
 FIRST, SECOND = "XY", "YX"
@@ -171,8 +171,7 @@ def until(condition: Callable[[], bool]) -> None:
 def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return what is said of lines."""
     words: list[str] = []
-    for module in (mounting_answers, typed_confirmation):
-        monkeypatch.setattr(module, "report_line", words.append)
+    monkeypatch.setattr(mounting_answers, "report_line", words.append)
     return words
 
 

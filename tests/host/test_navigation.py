@@ -11,7 +11,7 @@ from tests.host.synthetic_log import LAYOUT, PATH, Bench, Faults, run_file
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.host.assembly import SampleAssembler
-from inercal.host.navigation import NavigationSolution, Navigator
+from inercal.host.live_estimator import NavigationSolution, Navigator
 from inercal.methods.turntable.model import earth_rate_level_frame
 from inercal.physics.sensors.inverse import inverse
 from inercal.recordings import Track

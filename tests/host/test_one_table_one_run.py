@@ -17,8 +17,7 @@ from inercal.basics.errors import InputError
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
-from inercal.host.web.manual_request import ManualRequest
-from inercal.host.web.run_request import FolderRequest, RunRequest
+from inercal.host.web.run_request import ManualRequest, ProcessRequest, RunRequest
 
 PATIENCE = 300.0  # s
 WORKER = "inercal.host.web.worker"
@@ -35,7 +34,7 @@ def wait_until(folder: Path, is_so: Callable[[Journal], bool]) -> None:
     raise AssertionError("the run does not go on")
 
 
-def by_page(module: str, order: FolderRequest) -> str:
+def by_page(module: str, order: ProcessRequest) -> str:
     """Have a page's process carry out an order; return what it tells."""
     Path(order.folder).parent.mkdir(parents=True, exist_ok=True)
     done = subprocess.run(

@@ -76,7 +76,7 @@ class Recorded:
         made, found = self.samples(log)
         assert found.items() <= self.whole.items()
         assert self.samples(log, 40)[1] == found
-        assert made.imu_mismatch is None
+        assert made.imu.mismatch is None
         return set(self.whole) - set(found)
 
 
@@ -147,6 +147,6 @@ def test_a_counter_that_jumped_before_the_host_ended_does_not_block_the_resumed_
     _, whole = bench.samples(bench.resumed(()))
     made, found = bench.samples(bench.resumed(((38.0, end, 5050),)))
     assert found.items() <= whole.items()
-    assert made.imu_mismatch is None
+    assert made.imu.mismatch is None
     assert max(found) == max(whole)
     assert len(whole) - len(found) < RATE * (2.0 + max(end - 50.0, 0.0) + 1.0)

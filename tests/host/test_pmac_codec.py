@@ -11,8 +11,8 @@ from inercal.host.drivers.rotary_table import ProtocolError
 def test_a_command_is_the_header_of_the_manual_and_its_ascii():
     assert codec.response_request("#1P") == bytes.fromhex("40 BF 00 00 00 00 00 03") + b"#1P"
     assert codec.response_request("x" * 300)[:8] == bytes.fromhex("40 BF 00 00 00 00 01 2C")
-    assert codec.buffer_request() == bytes.fromhex("C0 C5 00 00 00 00 05 78")
-    assert codec.flush_request() == bytes.fromhex("40 B3 00 00 00 00 00 00")
+    assert bytes.fromhex("C0 C5 00 00 00 00 05 78") == codec.BUFFER_REQUEST
+    assert bytes.fromhex("40 B3 00 00 00 00 00 00") == codec.FLUSH_REQUEST
     assert codec.control_request("A") == bytes.fromhex("C0 C4 01 00 00 00 00 00")
 
 

@@ -21,7 +21,7 @@ from inercal.host import bench_run
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import RotaryTable, TableState
-from inercal.host.run_completion import finish_run
+from inercal.host.run_execution import finish_run
 from inercal.host.run_folder import create_run
 
 Kind = Literal["offset", "drift", "clock", "noise"]

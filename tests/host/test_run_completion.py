@@ -15,9 +15,9 @@ from tests.refusals import refused
 
 from inercal.basics.errors import InputError
 from inercal.host import recording_writer
-from inercal.host import run_completion as finishing
+from inercal.host import run_execution as finishing
 from inercal.host.journal import Journal
-from inercal.host.run_completion import finish_run
+from inercal.host.run_execution import finish_run
 from inercal.host.run_folder import RunFolder, create_run
 from inercal.host.run_log import file_sha256
 

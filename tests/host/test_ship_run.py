@@ -19,7 +19,7 @@ from inercal.host.addresses import DeviceAddresses
 from inercal.host.bench_run import BenchRun
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal, JournalEvent
-from inercal.host.run_completion import finish_run
+from inercal.host.run_execution import finish_run
 from inercal.host.run_folder import create_run, reopen_run
 from inercal.pipeline import calibrate
 from inercal.runfile import Run, read

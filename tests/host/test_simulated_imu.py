@@ -16,11 +16,10 @@ from inercal.host.link import LinkLost, SerialLink, TcpLink, open_link
 from inercal.host.packets import PRESETS, Decoder, encode, read_layout
 from inercal.host.sim import _imu_kernel as kernel
 from inercal.host.sim.imu_model import SensorResponse, SimulatedImu, draw_bias_drift
-from inercal.host.sim.mimu import PacketSender, packet_rate
+from inercal.host.sim.mimu import PacketSender, SimulatorPort, TcpPort, TerminalPort, packet_rate
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.simulated_errors import draw_errors, noise_generator
-from inercal.host.sim.simulator_port import SimulatorPort, TcpPort, TerminalPort
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Noise, imu
 from inercal.physics.sensors.coefficient_tables import TABLES

@@ -13,8 +13,7 @@ from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.link import LinkLost, open_link, read_until
 from inercal.host.sim.faults import Faults
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import ManualClock, ScaledClock, SimulatorServer
-from inercal.host.sim.simulator_process import execute_commands
+from inercal.host.sim.server import ManualClock, ScaledClock, SimulatorServer, execute_commands
 
 Served = SimulatorServer[SimulatedPmac]
 

@@ -180,16 +180,20 @@ def test_a_table_is_left_to_the_watchdog_until_it_rests(
 
 
 @pytest.mark.parametrize("when", ["leave", "close"])
-def test_another_interrupt_does_not_call_the_watchdog_off(when: str):
+def test_another_interrupt_does_not_call_the_watchdog_off(
+    monkeypatch: pytest.MonkeyPatch, when: str
+):
     def interrupted() -> None:
         raise KeyboardInterrupt
 
     guard = Guard()
     run = object.__new__(BenchRun)
-    turning = SimpleNamespace(at_rest=False, release_to_guard=interrupted)
+    turning, _ = driven(Table([]), guard=guard)
+    monkeypatch.setattr(turning, "at_rest", False)
+    monkeypatch.setattr(turning, "release_to_guard", interrupted)
     clock = SimpleNamespace(close=interrupted if when == "close" else lambda: None)
-    run.__dict__ |= {"_table_driver": turning, "_clock": clock, "_guard": guard}
-    run.__dict__ |= {"_open_resources": ExitStack()}
+    run.__dict__ |= {"_table_driver": turning, "_clock": clock}
+    run.__dict__ |= {"_interruptions": SimpleNamespace(add=print), "_open_resources": ExitStack()}
     with pytest.raises(KeyboardInterrupt), run:
         pass
     assert guard.left

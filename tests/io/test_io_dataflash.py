@@ -150,7 +150,7 @@ def test_a_log_that_ends_within_a_message_has_the_samples_before(tmp_path: Path)
 def test_messages_across_blocks_are_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = written(tmp_path)
     whole = read_table(path, ACC).numbers(ACC[1])
-    monkeypatch.setattr("inercal.recordings.io.dataflash_messages._BLOCK", 97)
+    monkeypatch.setattr("inercal.recordings.io.dataflash._BLOCK", 97)
     # In this process: the one that reads files otherwise has blocks of the usual size.
     in_blocks = read_dataflash(path, ReadRequest(ACC))
     assert in_blocks.numbers(ACC[1]).tobytes() == whole.tobytes()

@@ -14,7 +14,7 @@ from inercal.recordings import Recording
 from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.io.read import read_recording
 from inercal.recordings.io.table_recording import Columns
-from inercal.recordings.temperature_readout import temperature_readout
+from inercal.recordings.temperature import temperature_readout
 
 ROWS = 200
 

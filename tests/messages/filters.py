@@ -12,8 +12,7 @@ from inercal.benches import Hand, Turntable
 from inercal.estimation import Gauge, Gaussian, Problem, least_squares
 from inercal.estimation.uncertainty import pooled_mean_covariances
 from inercal.methods.multi_position import METHOD as HAND_METHOD
-from inercal.methods.multi_position import joint
-from inercal.methods.multi_position.timing import gyro_delay
+from inercal.methods.multi_position import gyro_delay, joint
 from inercal.methods.turntable import model
 from inercal.methods.turntable.drift import drift_model
 from inercal.methods.turntable_discrete import METHOD as MEANS

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tests.runfile.run_file_texts import FERRARIS, changed
 
-from inercal.cli.bench_options import run_options
+from inercal.cli.options import run_options
 from inercal.cli.outputs import PAGE, WORKSHEET, check_outputs, require_same_run
 from inercal.laboratory.store import Register
 from inercal.laboratory.store.address import resolve_address

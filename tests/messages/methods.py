@@ -10,11 +10,10 @@ from inercal.basics.units import Measured
 from inercal.benches import RateTable
 from inercal.benches.rate_table.fixture import planar_plan
 from inercal.estimation import Gaussian
-from inercal.methods import METHODS
-from inercal.methods.centrifuge_norm import arm_plans
+from inercal.methods import METHODS, centrifuge_norm
 from inercal.methods.centrifuge_norm.rotation_gauge import require_gauge
-from inercal.methods.dual_orthogonal.four_points import averaging_matrix
 from inercal.methods.dual_orthogonal.g_squared import require_fixture_sensor
+from inercal.methods.dual_orthogonal.patent_estimator import averaging_matrix
 from inercal.methods.estimator_inputs import (
     refuse_priors,
     refuse_temperature_terms,
@@ -73,8 +72,8 @@ CASES: dict[str, Callable[[Path], object]] = {
         imu(), also=("ax.k2",)
     ),
     "unknown estimator": lambda _: METHODS["tumble"].estimator("robust"),
-    "unknown attitudes": lambda _: arm_plans.plan("sphere"),
-    "rate of zero": lambda _: arm_plans.plan(rates=(0.0,)),
+    "unknown attitudes": lambda _: centrifuge_norm.plan("sphere"),
+    "rate of zero": lambda _: centrifuge_norm.plan(rates=(0.0,)),
     "too few positions": lambda _: METHODS["tumble"].plan(positions=3),
     "priors": lambda _: refuse_priors(
         [Gaussian.independent(("i.k3",), [0.0], 1e-9)], "fourier", "least_squares"

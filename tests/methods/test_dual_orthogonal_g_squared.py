@@ -7,9 +7,9 @@ from tests.accuracy import dividing_head as made
 from tests.accuracy.dividing_head import ARCSEC, TERMS, Bench, draw
 from tests.methods.dual_orthogonal_cases import SENSOR, SI, nominal
 
-from inercal.estimation.uncertainty.propagation import jacobian
+from inercal.estimation.uncertainty import jacobian
 from inercal.methods.dual_orthogonal import g_squared
-from inercal.methods.dual_orthogonal.four_points import four_points
+from inercal.methods.dual_orthogonal.patent_estimator import four_points
 from inercal.physics.sensors import G0
 
 Array = NDArray[np.float64]

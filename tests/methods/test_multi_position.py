@@ -25,12 +25,11 @@ from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.estimation import Gaussian
 from inercal.estimation.residual_scatter import ScatterModel
-from inercal.methods.multi_position import METHOD, joint, sequential
+from inercal.methods.multi_position import METHOD, gyro_delay, joint, sequential
 from inercal.methods.multi_position._kernels import integrate_transitions
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.multi_position.row_whitening import whitener
-from inercal.methods.multi_position.timing import gyro_delay
 from inercal.physics.sensors import Sensor, imu
 from inercal.recordings import Mark, Observations, Recording, Transitions
 from inercal.recordings.segments import transitions_between_rests

@@ -20,7 +20,7 @@ from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.sections import Pose
 from inercal.estimation import Estimate
 from inercal.methods.rates_and_poses import ml
-from inercal.methods.rates_and_poses.platform_plans import plan as platform_plan
+from inercal.methods.rates_and_poses import plan as platform_plan
 from inercal.physics.sensors import ACCELEROMETER, G0, GYRO, triad
 from inercal.recordings import Observations
 

@@ -29,7 +29,7 @@ from inercal.benches.rate_platform.scale_factors import speed_scales
 from inercal.benches.rate_platform.sections import RateDwell
 from inercal.estimation import Estimate, Gaussian
 from inercal.methods import METHODS
-from inercal.methods.rates_and_poses.equal_weights import least_squares_line
+from inercal.methods.rates_and_poses import least_squares_line
 from inercal.physics.sensors import Sensor, triad
 from inercal.pipeline import apply, apply_data_columns, calibrate, simulate
 from inercal.recordings import Observations

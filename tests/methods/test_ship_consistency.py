@@ -25,7 +25,7 @@ from inercal.calibration.grade import assess
 from inercal.estimation import Estimate
 from inercal.methods.ship_consistency import row_covariance
 from inercal.methods.ship_multi_angle import global_
-from inercal.methods.ship_multi_angle.global_search import SearchOptions
+from inercal.methods.ship_multi_angle.norm_equations import SearchOptions
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors import G0
 

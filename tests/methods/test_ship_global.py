@@ -21,14 +21,14 @@ from tests.refusals import refused
 from inercal.basics.errors import NotObserved
 from inercal.estimation import Gaussian
 from inercal.methods.ship_multi_angle import global_
-from inercal.methods.ship_multi_angle.global_search import (
+from inercal.methods.ship_multi_angle.norm_equations import (
     GOAL,
     Bounds,
     Generation,
     SearchOptions,
+    damped_solution,
     search,
 )
-from inercal.methods.ship_multi_angle.norm_equations import damped_solution
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 

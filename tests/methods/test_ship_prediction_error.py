@@ -8,7 +8,7 @@ from tests.accuracy.rate_table import RADIUS
 from tests.methods.ship_cases import ESTIMATORS, SENSOR, case
 
 from inercal.estimation import Estimate
-from inercal.methods.prediction_error import expected_error, pose_forces, prediction_note
+from inercal.methods.ship_planar import expected_error, pose_forces, prediction_note
 from inercal.physics.sensors import G0
 from inercal.physics.sensors.affine import to_affine
 

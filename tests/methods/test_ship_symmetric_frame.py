@@ -13,7 +13,7 @@ from inercal.basics.errors import NotObserved
 from inercal.calibration import Calibration
 from inercal.estimation import Gaussian
 from inercal.methods.ship_multi_angle import damped, global_, norm_equations
-from inercal.methods.ship_multi_angle.global_search import Bounds, SearchOptions
+from inercal.methods.ship_multi_angle.norm_equations import Bounds, SearchOptions
 from inercal.physics.sensors import G0
 from inercal.physics.sensors.affine import AffineModel, to_affine
 

@@ -24,8 +24,7 @@ from inercal.methods.systematic.alignment import MAX_DISAGREEMENT, largest_force
 from inercal.methods.systematic.generalised_least_squares import solve
 from inercal.methods.systematic.navigation import ImuModel, earth_rate, integrate_navigation
 from inercal.methods.systematic.rest_and_turn_rows import RestAndTurnRows
-from inercal.methods.systematic.segment_tests import rest_change_test
-from inercal.methods.systematic.segments import Segments, segments_of_track
+from inercal.methods.systematic.segments import Segments, rest_change_test, segments_of_track
 
 ARCSEC, PPM, UG = made.ARCSEC, made.PPM, made.UG
 # Largest errors without noise, in the units of the tables

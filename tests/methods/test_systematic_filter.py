@@ -20,8 +20,7 @@ from tests.refusals import refused
 
 from inercal.basics.errors import InputError, NotObserved
 from inercal.estimation import Gaussian
-from inercal.methods.systematic.filter_estimators import solve_by_filter
-from inercal.methods.systematic.live_filter import LiveNavigation
+from inercal.methods.systematic.filter_estimators import LiveNavigation, solve_by_filter
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Track
 

@@ -18,7 +18,8 @@ from inercal.methods import METHODS
 from inercal.methods.temperature import temperature_coefficients
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, imu
-from inercal.recordings import TEMPERATURE_VARIATION, Observations, Track, join_observations
+from inercal.recordings import Observations, Track, join_observations
+from inercal.recordings.temperature import TEMPERATURE_VARIATION
 
 Array = NDArray[np.float64]
 TEMPERATURES = (263.15, 323.15)

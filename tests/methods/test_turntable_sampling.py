@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from inercal.methods.turntable.terms import RATE, Terms
 from inercal.methods.turntable_kalman import _readback
 from inercal.methods.turntable_trajectory import _kernels
-from inercal.methods.turntable_trajectory.rate_bends import neighbour_share, rate_bends
+from inercal.methods.turntable_trajectory._kernels import neighbour_share, rate_bends
 
 Array = NDArray[np.float64]
 STEP = 0.02  # s
 WHITE = np.full(3, 1e-12)
-NO_TERMS = np.zeros(0, np.int64), np.zeros((0, 13))
+NO_TERMS = Terms(np.eye(3), np.zeros(0, np.int64), np.zeros((0, 13)), RATE)
 
 
 def samples(count: int) -> Array:
@@ -33,7 +34,7 @@ def differences(time: Array, rates: Array, when: Array, at: Array) -> tuple[Arra
     apart, columns = np.zeros((e, 3)), np.zeros((e, 3, 0))
     drifting, driven, shared = (np.zeros((k, 3, 3)) for k in (e, e, e + 1))
     _kernels.increments(
-        time, rates, *rate_bends(time, rates, WHITE), when, at, np.eye(3), *NO_TERMS, np.zeros(0),
+        time, rates, *rate_bends(time, rates, WHITE), when, at, NO_TERMS, np.zeros(0),
         np.zeros(3), 9.8, WHITE, np.zeros(0), apart, columns, drifting, driven, shared,
     )  # fmt: skip
     return apart, shared

@@ -12,7 +12,7 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.noise import NoiseAnalysis
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient
-from inercal.noise.recording_length import length_for
+from inercal.noise.coefficients import length_for
 from inercal.recordings import Recording
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.program import run_program
 
 from inercal.basics.arrays import Array
-from inercal.noise.movement import movement
+from inercal.noise.recording_checks import movement
 from inercal.recordings import Recording
 
 RATE = 50.0  # Hz

@@ -13,8 +13,7 @@ from tests.program import run_program
 
 from inercal.methods.turntable.model import triad_model
 from inercal.noise import NoiseAnalysis, analyse_noise
-from inercal.noise.filter_file import filter_text
-from inercal.noise.flicker_states import flicker_states
+from inercal.noise.filter_file import filter_text, flicker_states
 from inercal.noise.sensor_noise import sensor_noise
 from inercal.recordings import Recording
 from inercal.runfile import read

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from inercal.basics.units import si_factor
-from inercal.noise.expected_periodogram import expected_periodogram
+from inercal.noise.spectrum import expected_periodogram
 from inercal.noise.terms import FLICKER_FLOOR, TERMS, model_avar
 
 N = 512

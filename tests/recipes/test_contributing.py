@@ -28,7 +28,7 @@ from inercal.physics.sensors import G0, TABLES, inverse, triad
 from inercal.physics.sensors.coefficient_tables import Basis, ErrorTerm
 from inercal.pipeline import calibrate, simulate_files
 from inercal.recordings.io.write import write_recording
-from inercal.report.calibration_page import page
+from inercal.report.calibration_page import calibration_page
 from inercal.runfile import read
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ferraris_simulated" / "run.toml"
@@ -63,9 +63,9 @@ def test_a_report_figure_is_data_that_the_kind_of_bench_gives(tmp_path: Path):
     for name, recording in simulate_files(run, 1).items():
         write_recording(recording, run.file(name))
     outcome = calibrate(run)
-    text = page(replace(outcome, kind=replace(KINDS["hand"], plots=plots)), None)
+    text = calibration_page(replace(outcome, kind=replace(KINDS["hand"], plots=plots)), None)
     assert "Mean of x in g." in text
-    assert text.count("<svg") == page(outcome, None).count("<svg") + 1
+    assert text.count("<svg") == calibration_page(outcome, None).count("<svg") + 1
 
 
 class OneAxis:
@@ -96,7 +96,8 @@ def test_a_table_driver_is_one_entry_by_the_scheme_of_its_address(monkeypatch: p
 def test_a_verb_is_a_module_with_its_name_and_what_it_runs(name: str):
     module = import_module(f"inercal.cli.{name}")
     assert module.run.__doc__
-    shown = CliRunner().invoke(app, [module.NAME, "--help"])
+    verb = name.removesuffix("_command").replace("_", "-")
+    shown = CliRunner().invoke(app, [verb, "--help"])
     assert shown.exit_code == 0
 
 

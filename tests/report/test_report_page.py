@@ -20,7 +20,7 @@ from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.recordings import Finding, Recording
 from inercal.recordings.io.write import write_recording
 from inercal.report import write_report
-from inercal.report.calibration_page import page
+from inercal.report.calibration_page import calibration_page
 from inercal.report.figures import residuals
 from inercal.report.report_tables import bench_tables, coefficients, strongest_correlations
 from inercal.report.sphere import missing_faces
@@ -56,7 +56,7 @@ def outcome(run: Run) -> Outcome:
 
 @pytest.fixture(scope="module")
 def text(outcome: Outcome, run: Run) -> str:
-    return page(outcome, run.truth)
+    return calibration_page(outcome, run.truth)
 
 
 def renamed(outcome: Outcome, name: str) -> Outcome:
@@ -123,7 +123,7 @@ def test_every_coefficient_is_there_with_value_and_expanded_uncertainty(
 
 def test_the_error_column_appears_only_with_a_truth(text: str, outcome: Outcome):
     assert "error / u" in text
-    assert "error / u" not in page(outcome, None)
+    assert "error / u" not in calibration_page(outcome, None)
 
 
 def test_errors_against_the_truth_are_in_standard_uncertainties(outcome: Outcome):
@@ -136,7 +136,7 @@ def test_errors_against_the_truth_are_in_standard_uncertainties(outcome: Outcome
 def test_a_hostile_name_stays_text(outcome: Outcome):
     name = '<script>alert("1")</script>'
     finding = Finding("warning", "<b>", "<img src=x>", "<i>")
-    text = page(replace(renamed(outcome, name), findings=(finding,)), None)
+    text = calibration_page(replace(renamed(outcome, name), findings=(finding,)), None)
     tags = parsed(text)
     assert not {"script", "img", "b", "i"} & set(tags.seen)
     assert name in "".join(tags.text)
@@ -160,7 +160,7 @@ def test_a_hostile_label_stays_text_in_the_figures(outcome: Outcome):
         steps=steps,
         estimate=replace(outcome.estimate, names=names),
     )
-    assert "script" not in parsed(page(changed, None)).seen
+    assert "script" not in parsed(calibration_page(changed, None)).seen
 
 
 def test_a_million_samples_stay_under_two_megabytes(outcome: Outcome):
@@ -169,7 +169,7 @@ def test_a_million_samples_stay_under_two_megabytes(outcome: Outcome):
     n = 1_000_000
     data = np.random.default_rng(1).normal(0, 1000, (n, len(old.channels)))
     long = Recording(np.arange(n) / 1000.0, data, old.channels, old.units)
-    assert len(page(replace(outcome, recording=long), None).encode()) < 2e6
+    assert len(calibration_page(replace(outcome, recording=long), None).encode()) < 2e6
 
 
 def test_the_envelope_keeps_spikes_ends_and_gaps():
@@ -194,7 +194,7 @@ def test_short_recordings_are_drawn_sample_by_sample():
 
 
 def test_rests_found_by_hand_make_a_page_with_the_scatter_they_were_found_by(by_hand: Outcome):
-    tags = parsed(page(by_hand, None))
+    tags = parsed(calibration_page(by_hand, None))
     assert any(name.startswith("scatters-") for name in tags.ids)
     assert "".join(tags.text).count("time from the first sample, s") == 2
 
@@ -208,21 +208,21 @@ def test_rows_of_residuals_by_the_same_rests_name_them_once(by_hand: Outcome):
 
 
 def test_means_without_a_recording_make_a_page(outcome: Outcome):
-    text = page(replace(outcome, recording=None, marks=()), None)
+    text = calibration_page(replace(outcome, recording=None, marks=()), None)
     assert "no recording to draw" in text
     assert 'id="traces' not in text
     parsed(text)
 
 
 def test_an_estimate_without_residuals_says_what_its_uncertainty_lacks(run: Run):
-    text = page(calibrate(replace(run, estimator="classical")), None)
+    text = calibration_page(calibrate(replace(run, estimator="classical")), None)
     assert "U includes only the noise of the means" in " ".join(text.split())
     assert "Consistent" in text  # by the problem of ml: the formulas leave no residuals
     assert "takes the bench as exact" in text
 
 
 def test_each_linked_term_is_defined_once_at_the_end(outcome: Outcome):
-    text = page(outcome, None)
+    text = calibration_page(outcome, None)
     linked = set(re.findall(r'<a class="term" href="#(term-[a-z0-9-]+)"', text))
     defined = re.findall(r'<dt id="(term-[a-z0-9-]+)"', text)
     assert len(linked) > 10
@@ -234,7 +234,7 @@ def test_faces_without_a_position_are_named(outcome: Outcome):
     hold = next(s for s in outcome.steps if isinstance(s, Hold) and s.up == (0.0, 0.0, -1.0))
     lacking = without(outcome, hold.label)
     assert missing_faces(directions(lacking)) == ["−z"]
-    text = page(lacking, None)
+    text = calibration_page(lacking, None)
     assert "No position had\n−z up." in text
     assert "−z: no position" in text
 
@@ -269,7 +269,7 @@ def test_strong_correlations_are_named_strongest_first(outcome: Outcome):
 def test_a_nonlinear_model_has_no_matrix_but_a_page(outcome: Outcome):
     calibration = outcome.calibration
     sensor = replace(calibration.sensor, form="tilted")
-    text = page(replace(outcome, calibration=replace(calibration, sensor=sensor)), None)
+    text = calibration_page(replace(outcome, calibration=replace(calibration, sensor=sensor)), None)
     assert "no single matrix applies it" in text
 
 

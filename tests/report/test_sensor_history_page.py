@@ -11,7 +11,7 @@ from tests.store.calibration_generator import DRIFTING, content, hashed, ten, wr
 
 from inercal.laboratory.store import Register, SensorHistory
 from inercal.report import write_history
-from inercal.report.sensor_history_page import page, summary_lines
+from inercal.report.sensor_history_page import sensor_history_page, summary_lines
 
 # Of what the number of figures does not matter to.
 SMALL = replace(DRIFTING, axes=("ax", "gx"))
@@ -30,7 +30,7 @@ def history(register: Register, tmp_path_factory: pytest.TempPathFactory) -> Sen
 
 @pytest.fixture(scope="module")
 def text(history: SensorHistory) -> str:
-    return page(history)
+    return sensor_history_page(history)
 
 
 def test_the_page_is_whole_and_names_each_thing_once(text: str):
@@ -59,7 +59,7 @@ def test_each_axis_has_a_figure_with_a_panel_a_coefficient(text: str, history: S
 def test_points_beyond_u_have_a_shape_of_their_own(history: SensorHistory):
     for name in ("ax.k0", "ay.k0"):
         one = replace(history, trends=(history.trend(name),))
-        svg = page(one)
+        svg = sensor_history_page(one)
         svg = svg[svg.index("<svg") : svg.index("</svg>")]
         # Markers are drawn once for each shape, and used once for each point.
         shapes = re.findall(r"<g clip-path[^>]*>\s*((?:<use [^>]*/>\s*)+)</g>", svg)
@@ -91,7 +91,7 @@ def test_the_summary_counts_what_the_verdicts_say(text: str, history: SensorHist
 def test_a_short_history_is_drawn_too(register: Register, tmp_path: Path, count: int):
     truth = replace(SMALL, sensor=f"short {count}")
     register.enter_calibrations(ten(tmp_path, truth)[:count])
-    found = page(register.history(truth.sensor))
+    found = sensor_history_page(register.history(truth.sensor))
     parsed(found)
     assert ("One calibration: nothing to compare." in found) == (count == 1)
 
@@ -106,7 +106,7 @@ def test_names_of_all_kinds_are_text_and_nothing_else(register: Register, tmp_pa
         for row in made["coefficients"]:
             row["name"] = row["name"].replace("ax.", '"><i>x</i> $a_b$.')
         register.enter_calibration(write(tmp_path / f"{k}.json", hashed(made)))
-    found = page(register.history(name))
+    found = sensor_history_page(register.history(name))
     tags = parsed(found)
     assert "<script" not in found
     assert "<i>" not in found
@@ -123,7 +123,7 @@ def test_calibrations_of_one_moment_are_drawn(register: Register, tmp_path: Path
         register.enter_calibration(write(tmp_path / f"{k}.json", hashed(made)))
     history = register.history("at once")
     assert all(course.line is None for course in history.trends)
-    parsed(page(history))
+    parsed(sensor_history_page(history))
 
 
 def test_the_page_is_written_whole(history: SensorHistory, tmp_path: Path):

@@ -14,7 +14,7 @@ from inercal.calibration.files import calibration_object, canonical_text, load, 
 from inercal.calibration.specification import Conformity, conformity_lines
 from inercal.physics.sensors import G0
 from inercal.pipeline import calibrate
-from inercal.report.calibration_page import page
+from inercal.report.calibration_page import calibration_page
 from inercal.runfile import read
 from inercal.runfile.schema import SpecificationSection
 
@@ -146,7 +146,7 @@ def test_conformity_is_in_file_report_and_lines(tmp_path: Path):
     assert again.conformity == calibration.conformity
     assert calibration_object(again) == calibration_object(calibration)
     assert len(conformity_lines(calibration)) == 1
-    assert page(outcome, None).count("<td>pass</td>") == 12
+    assert calibration_page(outcome, None).count("<td>pass</td>") == 12
     assert calibration.in_frame("triangular").conformity is None
 
 

@@ -10,7 +10,7 @@ from tests.refusals import refused
 from inercal.calibration.files import load, save
 from inercal.cli.app import main
 from inercal.cli.console import generation_text
-from inercal.methods.ship_multi_angle.global_search import (
+from inercal.methods.ship_multi_angle.norm_equations import (
     GOAL,
     Bounds,
     Generation,

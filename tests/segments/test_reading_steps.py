@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from inercal.estimation.uncertainty.rounding import mean_rounding_variance
 from inercal.physics.sensors import Sensor, imu
-from inercal.recordings import ReadingSteps
+from inercal.recordings import ReadingSteps, RoundedChannel
+from inercal.recordings.rounding_errors import RoundingErrors, join_rounding_errors
 from inercal.recordings.segments.reading_steps import reading_steps
 
 Array = NDArray[np.float64]
@@ -129,3 +130,16 @@ def test_a_row_in_motion_averages_its_errors():
     assert errors is not None
     assert errors.covariance[1, 1, 0] == pytest.approx(1 / 1200, rel=0.01)
     assert errors.covariance[0, 1, 0] == 0
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_joined_rows_keep_the_rounded_channels_of_the_only_rounded_recording(first: bool):
+    steps = ReadingSteps(np.array([1.0]), np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros(1))
+    channel = RoundedChannel("ax", 1.0, 0.0, dead_band=False, std=0.3)
+    known = RoundingErrors(np.full((2, 2, 1), 0.1), steps, (channel,))
+    joined = join_rounding_errors(*((known, None, 2, 1) if first else (None, known, 1, 2)))
+    assert joined is not None
+    assert joined.channels == (channel,)
+    own = slice(0, 2) if first else slice(1, 3)
+    assert np.array_equal(joined.covariance[own, own], known.covariance)
+    assert joined.covariance.sum() == pytest.approx(0.4)

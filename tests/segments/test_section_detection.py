@@ -16,7 +16,7 @@ from inercal.physics.plan import HandStep, Hold, Turn, ferraris_plan, six_positi
 from inercal.physics.sensors import G0, Noise, Readout, Sensor, imu, triad
 from inercal.pipeline import read_out
 from inercal.recordings import Mark, Recording
-from inercal.recordings.segments import find_marks
+from inercal.recordings.segments import find_sections
 
 RATE = 100.0
 ACCELEROMETER = (Readout(1 / G0, 0.0, "g"), Noise(white=150e-6 * G0))
@@ -40,7 +40,9 @@ class Session:
     sensor: Sensor
 
     def found(self, plan: Sequence[HandStep] | None = None) -> dict[str, Mark]:
-        marks = find_marks(self.recording, self.sensor, self.plan if plan is None else plan)
+        marks = find_sections(
+            self.recording, self.sensor, self.plan if plan is None else plan
+        ).marks
         assert len({mark.label for mark in marks}) == len(marks)
         return {mark.label: mark for mark in marks}
 
@@ -232,10 +234,10 @@ def test_rests_too_short_to_average_are_refused():
 def test_a_recording_too_short_to_judge_is_refused():
     made = session().recording.slice(0, 150)
     with refused(names=()):
-        find_marks(made, IMU, PLAN)
+        find_sections(made, IMU, PLAN)
 
 
 def test_sections_are_found_for_triads_only():
     pair = replace(IMU, axes=IMU.axes[:2])
     with refused(names=pair.channels):
-        find_marks(session().recording, pair, PLAN)
+        find_sections(session().recording, pair, PLAN)

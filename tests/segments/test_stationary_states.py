@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from inercal.recordings import Finding, Mark, Recording
-from inercal.recordings.segments import find_dwells, find_stationary_states, omitted_state_findings
+from inercal.recordings.segments import find_dwells
+from inercal.recordings.segments.stationary_states import (
+    find_stationary_states,
+    omitted_state_findings,
+)
 
 RATE_HZ = 50.0
 

@@ -11,7 +11,7 @@ from inercal.benches import Turntable
 from inercal.benches.turntable.paths import fast_path
 from inercal.benches.turntable.simulation import path_profile
 from inercal.physics.plan import Position, Rotation, TableStep
-from inercal.recordings.segments import find_holds, find_turns
+from inercal.recordings.segments.turntable_segments import find_holds, find_turns
 
 ARCSEC = radians(1 / 3600)
 BENCH = Turntable(Measured(9.81, 0.0), radians(38))

@@ -13,20 +13,16 @@ from numpy.typing import NDArray
 from tests.accuracy import centrifuge as independent
 
 from inercal.estimation import least_squares
-from inercal.methods.centrifuge_norm import closed_formulas
-from inercal.methods.centrifuge_norm.arm_plans import RATES
+from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.studies import Study
 from inercal.studies.centrifuge import (
     bench_effects,
-    centrifuge_trials,
     efficiency,
     equations,
     misalignment,
+    printed_tables,
     simulated_centrifuge,
-    table1,
-    table2,
-    taylor_orders,
 )
 from inercal.studies.centrifuge.simulated_centrifuge import TRUTH
 
@@ -35,8 +31,8 @@ SEEDS = [1, 2, 3]
 
 
 @pytest.fixture(scope="module", params=SEEDS)
-def repeated_trials(request: pytest.FixtureRequest) -> centrifuge_trials.CentrifugeTrials:
-    return centrifuge_trials.repeat_experiment(4000, request.param)
+def repeated_trials(request: pytest.FixtureRequest) -> simulated_centrifuge.CentrifugeTrials:
+    return simulated_centrifuge.repeat_experiment(4000, request.param)
 
 
 def verdicts(study: Study, section: str) -> dict[str, str]:
@@ -84,15 +80,15 @@ def test_the_stored_table_1_equals_the_printed_one(data_dir: Path):
     if not path.exists():
         pytest.skip(f"{path} is missing")
     expected = np.loadtxt(path, delimiter=",", skiprows=1)[:, 3:]
-    assert np.array_equal(table1.read_printed_table(), expected)
+    assert np.array_equal(printed_tables.read_printed_table(), expected)
 
 
 @pytest.fixture(scope="module")
-def screened_table() -> table1.ScreenedTable:
-    return table1.repair_table(table1.read_printed_table())
+def screened_table() -> printed_tables.ScreenedTable:
+    return printed_tables.repair_table(printed_tables.read_printed_table())
 
 
-def test_screening_restores_the_table(data_dir: Path, screened_table: table1.ScreenedTable):
+def test_screening_restores_the_table(data_dir: Path, screened_table: printed_tables.ScreenedTable):
     path = data_dir / "centrifuge_table1" / "table1_corrected.csv"
     if not path.exists():
         pytest.skip(f"{path} is missing")
@@ -103,7 +99,7 @@ def test_screening_restores_the_table(data_dir: Path, screened_table: table1.Scr
 
 
 def test_exactly_the_lost_signs_are_found_each_with_its_one_repair(
-    screened_table: table1.ScreenedTable,
+    screened_table: printed_tables.ScreenedTable,
 ):
     lost = {(20 * rate + row - 1, "z") for rate in range(3) for row in (1, 5, 9, 10, 13, 17)}
     lost |= {(row - 1, "x") for row in (6, 15, 16, 19, 20)}
@@ -115,8 +111,10 @@ def test_exactly_the_lost_signs_are_found_each_with_its_one_repair(
     assert np.abs(screened_table.repaired - design).max() < 6.0e-7
 
 
-def test_lost_signs_violate_the_norm_and_other_rows_do_not(screened_table: table1.ScreenedTable):
-    f = taylor_orders.truncated_root(
+def test_lost_signs_violate_the_norm_and_other_rows_do_not(
+    screened_table: printed_tables.ScreenedTable,
+):
+    f = equations.truncated_root(
         (screened_table.printed - TRUTH.bias) / TRUTH.scale, TRUTH.bend, None
     )
     a = np.array([step.rate for step in simulated_centrifuge.steps()]) ** 2 / 9.8
@@ -127,9 +125,11 @@ def test_lost_signs_violate_the_norm_and_other_rows_do_not(screened_table: table
     assert off[~wrong].max() < 4e-5
 
 
-def test_a_robust_fit_with_fixed_threshold_rejects_sound_rows(screened_table: table1.ScreenedTable):
+def test_a_robust_fit_with_fixed_threshold_rejects_sound_rows(
+    screened_table: printed_tables.ScreenedTable,
+):
     """33 by the note, 32 with our loss and threshold: of 37 sound rows hardly one is left."""
-    assert table1.count_falsely_rejected_rows(screened_table) in (32, 33)
+    assert printed_tables.count_falsely_rejected_rows(screened_table) in (32, 33)
 
 
 def test_verdicts_on_table_1(centrifuge_study: Study):
@@ -144,8 +144,10 @@ def test_verdicts_on_table_1(centrifuge_study: Study):
 # Table 2 and the estimators
 
 
-def test_noise_free_errors(repeated_trials: centrifuge_trials.CentrifugeTrials):
-    paper, series, ml = (repeated_trials.noise_free[name] for name in centrifuge_trials.ESTIMATORS)
+def test_noise_free_errors(repeated_trials: simulated_centrifuge.CentrifugeTrials):
+    paper, series, ml = (
+        repeated_trials.noise_free[name] for name in simulated_centrifuge.ESTIMATORS
+    )
     assert paper[2] == pytest.approx([6.0e-10, 1.06e-7, -2.8e-9], rel=0.05)
     assert np.all(np.abs(paper[:2]).max(axis=1) < [2e-7, 7e-7])
     assert np.all(np.abs(series).max(axis=1) < [6e-9, 6.5e-7, 2.1e-9])
@@ -173,13 +175,13 @@ SCATTER = {
 BOUND = [[1.16e-7, 7.1e-7, 1.56e-7], [2.75e-6, 5.2e-6, 3.5e-6], [3.48e-9, 1.49e-8, 5.6e-9]]
 
 
-def test_scatter_of_the_closed_formulas(repeated_trials: centrifuge_trials.CentrifugeTrials):
+def test_scatter_of_the_closed_formulas(repeated_trials: simulated_centrifuge.CentrifugeTrials):
     for name, expected in SCATTER.items():
         assert repeated_trials.std(name) == pytest.approx(np.array(expected), rel=0.06)
     assert 0.10 < repeated_trials.rootless < 0.16
 
 
-def test_ml_reaches_the_bound(repeated_trials: centrifuge_trials.CentrifugeTrials):
+def test_ml_reaches_the_bound(repeated_trials: simulated_centrifuge.CentrifugeTrials):
     assert repeated_trials.bound == pytest.approx(np.array(BOUND), rel=0.01)
     n = len(repeated_trials.error["ml"])
     assert n == 200
@@ -190,8 +192,10 @@ def test_ml_reaches_the_bound(repeated_trials: centrifuge_trials.CentrifugeTrial
     assert repeated_trials.chi2.mean() == pytest.approx(51, abs=0.8 * np.sqrt(4000 / n))
 
 
-def test_table_2_is_not_reproducible_with_21(repeated_trials: centrifuge_trials.CentrifugeTrials):
-    found = {f.claim.title: f for f in table2.section(repeated_trials).findings}
+def test_table_2_is_not_reproducible_with_21(
+    repeated_trials: simulated_centrifuge.CentrifugeTrials,
+):
+    found = {f.claim.title: f for f in printed_tables.estimates_section(repeated_trials).findings}
     accuracies = [f for name, f in found.items() if "(21)" in name]
     assert len(accuracies) == 3
     for finding in accuracies:
@@ -315,11 +319,9 @@ def test_taylor_orders():
     f = simulated_centrifuge.dwell_force(simulated_centrifuge.steps())
     u = f + TRUTH.bend * f**2
     by_hand = u - TRUTH.bend * u**2 + 2 * TRUTH.bend**2 * u**3
-    assert np.abs(taylor_orders.truncated_root(u, TRUTH.bend, 3) - by_hand).max() < 1e-13
-    assert np.abs(taylor_orders.truncated_root(u, TRUTH.bend, None) - f).max() < 1e-12
-    worst = [
-        np.abs(taylor_orders.truncation_error(n, f, TRUTH.bend)).max() for n in taylor_orders.ORDERS
-    ]
+    assert np.abs(equations.truncated_root(u, TRUTH.bend, 3) - by_hand).max() < 1e-13
+    assert np.abs(equations.truncated_root(u, TRUTH.bend, None) - f).max() < 1e-12
+    worst = [np.abs(equations.truncation_error(n, f, TRUTH.bend)).max() for n in equations.ORDERS]
     assert worst[0] == pytest.approx(3.1e-4, rel=0.02)
     tail = np.abs(5 * TRUTH.bend**3 * f**4).max()
     assert worst[1] == pytest.approx(tail, rel=0.02)
@@ -327,8 +329,8 @@ def test_taylor_orders():
 
 
 def test_each_order_does_less_to_the_coefficients_and_the_exact_root_nothing():
-    shift = taylor_orders.order_errors()
-    size = [np.abs(shift[n]).max(axis=1) for n in (*taylor_orders.ORDERS, None)]
+    shift = equations.order_errors()
+    size = [np.abs(shift[n]).max(axis=1) for n in (*equations.ORDERS, None)]
     assert all(np.all(b < a) for a, b in pairwise(size))
     assert np.all(size[-1] < [1e-12, 1e-12, 1e-15])
     # A fit to the second order errs by several deviations of the noise.

@@ -13,18 +13,23 @@ from tests.accuracy import dividing_head as independent
 from inercal.benches.dividing_head.bench import position_plan
 from inercal.physics.sensors import G0
 from inercal.studies import Study, write_study
+from inercal.studies.claim import rms
 from inercal.studies.dual_orthogonal import (
     cardinal_points,
     error_allocation,
-    head_error,
     method_accuracy,
     simulated_head,
     squared_observation,
     step_angle,
 )
-from inercal.studies.dual_orthogonal.simulated_head import ARCSEC, COLUMNS, LARGE_SIZES, rms_ratio
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
-from inercal.studies.rms import rms
+from inercal.studies.dual_orthogonal.simulated_head import (
+    ARCSEC,
+    COLUMNS,
+    EVERY_FACE,
+    LARGE_SIZES,
+    method_errors,
+    rms_ratio,
+)
 
 TABLE = {
     "single": (9.84, 17.3, 8.5, 10.2, 17.9, 10.3, 1.65),
@@ -117,7 +122,7 @@ def test_accuracy_of_a_micro_g_holds_but_for_k1(dual_orthogonal_study: Study):
 
 def test_the_head_is_eliminated(dual_orthogonal_study: Study):
     assert section_verdicts(dual_orthogonal_study, "head") == ["reproduced", "reproduced"]
-    found = head_error.combine_heads([call() for call in head_error.head_calls(300, 2)])
+    found = method_accuracy.combine_heads([call() for call in method_accuracy.head_calls(300, 2)])
     assert found.head_change < 2e-3
     for name in ("patent", EVERY_FACE):
         values = [x.value for x in found.k0[name]]

@@ -7,12 +7,7 @@ import pytest
 
 from inercal.methods import METHODS
 from inercal.studies import reproduce
-from inercal.studies.one_sensor import (
-    LABORATORIES,
-    TRIALS_PER_SENSOR,
-    draw_truth,
-    run_file_text,
-)
+from inercal.studies.one_sensor import LABORATORIES, TRIALS_PER_SENSOR, draw_truth, run_file_text
 
 SENSORS = 3
 PAIRS = len(list(combinations(LABORATORIES, 2)))

@@ -22,7 +22,8 @@ from inercal.studies.ship_model import (
     wave_check,
 )
 from inercal.studies.ship_model.estimators import UNDAMPED, EstimatorComparison
-from inercal.studies.ship_model.ship_motion import (
+from inercal.studies.ship_model.simulated_rate_table import EXACT_BENCH, MILLI
+from inercal.studies.ship_model.wave_check import (
     IRREGULAR_WAVES,
     REGULAR_WAVES,
     OscillationParameters,
@@ -30,14 +31,15 @@ from inercal.studies.ship_model.ship_motion import (
     motion_derivatives,
     simulate_ship_motion,
 )
-from inercal.studies.ship_model.simulated_rate_table import EXACT_BENCH, MILLI
 
 Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
 def estimator_comparison() -> EstimatorComparison:
-    return estimators.compare_estimators(400, 1)
+    case = simulated_rate_table.simulate(400, 1)
+    found = [call() for call in estimators.estimator_calls(case)]
+    return estimators.combine_estimators(case, 1, found)
 
 
 def section_verdicts(study: Study, name: str) -> list[str]:

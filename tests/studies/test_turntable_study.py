@@ -12,15 +12,9 @@ from numpy.typing import NDArray
 
 from inercal.benches.turntable.paths import paper_path
 from inercal.studies import Study, reproduce, write_study
-from inercal.studies.turntable import (
-    duration,
-    filter_score,
-    printed_accuracy,
-    simulated_turntable,
-    turntable_trials,
-)
+from inercal.studies.turntable import printed_accuracy, simulated_turntable, turntable_trials
 from inercal.studies.turntable.simulated_turntable import SENSOR, TABLE, TurntableCase, simulate
-from inercal.studies.turntable.studied_filters import ErrorTrace, FilterErrors
+from inercal.studies.turntable.turntable_trials import ErrorTrace, FilterErrors
 
 Array = NDArray[np.float64]
 SHORT = paper_path(25.0)[1:4]
@@ -89,23 +83,27 @@ def test_scores_are_those_of_errors_made_by_hand():
         6**0.5 * simulated_turntable.ARCSEC,
     )
     one = FilterErrors(off, np.diag(np.full(12, off @ off / 12)), ErrorTrace(*np.zeros((3, 1))))
-    made = filter_score.score_filter([one, one], "g")
+    made = turntable_trials.score_filter([one, one], "g")
     figures = [made.bias, made.scale, made.misalignment, made.nees]
     assert [x.value for x in figures] == pytest.approx([3**0.5, 5 / 3**0.5, 1, 1])
     assert [x.value for x in made.largest_axis.values()] == pytest.approx([3, 5, 6**0.5])
     assert (
-        turntable_trials.share_within_bound([one], filter_score.coefficient_indices("bias"), 2.9)
+        turntable_trials.share_within_bound(
+            [one], turntable_trials.coefficient_indices("bias"), 2.9
+        )
         == 0.0
     )
     assert (
-        turntable_trials.share_within_bound([one], filter_score.coefficient_indices("bias"), 3.1)
+        turntable_trials.share_within_bound(
+            [one], turntable_trials.coefficient_indices("bias"), 3.1
+        )
         == 1.0
     )
 
 
 def test_an_rms_states_how_it_scatters():
     draws = np.random.default_rng(1).standard_normal((400, 50, 3))
-    made = [filter_score.rms(one, ddof=1) for one in draws]
+    made = [turntable_trials.rms(one, ddof=1) for one in draws]
     scatter = np.std([one.value for one in made])
     assert np.mean([one.u for one in made]) == pytest.approx(scatter, rel=0.1)
 
@@ -118,7 +116,7 @@ def test_the_random_walk_bounds_the_bias_from_a_rest():
 
 
 def test_path_durations_agree_with_the_method_note():
-    lasting = duration.path_minutes()
+    lasting = printed_accuracy.path_minutes()
     assert lasting["paper"] < 24
     assert lasting["discrete"] == pytest.approx(19, abs=0.5)
 
@@ -163,9 +161,9 @@ def test_six_devices_decide_the_verdicts_that_two_leave_open():
 def test_18_states_understate_their_errors_and_the_full_filter_does_not(
     two_devices: turntable_trials.TurntableTrials,
 ):
-    assert filter_score.nees(two_devices.accelerometers["18 states"]).value > 5
+    assert turntable_trials.nees(two_devices.accelerometers["18 states"]).value > 5
     for runs in (two_devices.accelerometers["full"], two_devices.gyros["full, whole recording"]):
-        assert 0.3 < filter_score.nees(runs).value < 2.2
+        assert 0.3 < turntable_trials.nees(runs).value < 2.2
 
 
 @pytest.mark.slow
@@ -175,7 +173,7 @@ def test_failures_are_reported(
     assert section_verdicts(turntable_study, "failures") == ["false"] * 4
     assert two_devices.decided_at_ends == [6, 6]
     felt = [
-        filter_score.nees(two_devices.gyros[name]).value
+        turntable_trials.nees(two_devices.gyros[name]).value
         for name in (turntable_trials.G_SENSITIVE_FULL, turntable_trials.G_SENSITIVE_MODELLED)
     ]
     assert felt[0] > 5 * felt[1]
@@ -185,9 +183,11 @@ def test_failures_are_reported(
 def test_claims_on_failures_hold_without_a_failure(two_devices: turntable_trials.TurntableTrials):
     good = dict.fromkeys(two_devices.gyros, two_devices.gyros["19 states, own path"])
     held = turntable_trials.TurntableTrials(good, two_devices.accelerometers, [12])
-    from inercal.studies.turntable import failures
+    from inercal.studies.turntable import state_models
 
-    assert [one.verdict for one in failures.section(held).findings] == ["reproduced"] * 4
+    assert [one.verdict for one in state_models.failures_section(held).findings] == [
+        "reproduced"
+    ] * 4
 
 
 # The page

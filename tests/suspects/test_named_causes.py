@@ -20,7 +20,7 @@ from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.calibration.grade import assess
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
-from inercal.estimation.scores import SIGNIFICANCE_LEVEL, Kind
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL, CandidateKind
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import ramp, rest
 from inercal.physics.sensors import imu
@@ -119,7 +119,7 @@ def test_a_cubic_scale_is_recommended_only_where_the_rates_determine_it():
     assert not any("scale3" in given.coefficients for given in one.verdict.advice)
 
 
-def line(extra: Array, readings: Array, kind: Kind = "bench", **stated: Any) -> Estimate:
+def line(extra: Array, readings: Array, kind: CandidateKind = "bench", **stated: Any) -> Estimate:
     """Return the fit of a constant to readings of sd 1, with one candidate."""
     rows = len(readings)
     design = np.ones((rows, 1))

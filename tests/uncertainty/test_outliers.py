@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from inercal.basics.arrays import Array
-from inercal.estimation.uncertainty.outliers import NAMED_BY_CHANCE, find_outliers
-from inercal.estimation.uncertainty.robust import robust_scale, squared_distances
+from inercal.estimation.uncertainty.robust import (
+    NAMED_BY_CHANCE,
+    find_outliers,
+    robust_scale,
+    squared_distances,
+)
 
 SIZES, BASE_SEEDS = (20, 50, 200, 1_000), (1, 2, 3)
 

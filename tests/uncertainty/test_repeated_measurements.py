@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from inercal.estimation.uncertainty.components import variance_components
+from inercal.estimation.uncertainty.components import scatter_limits, variance_components
 from inercal.estimation.uncertainty.repeated_measurements import (
     RandomEffect,
     block_matrix,
     effect_variances,
 )
-from inercal.estimation.uncertainty.scatter_limits import scatter_limits
 
 
 def test_one_value_with_equal_noise_has_the_closed_form():

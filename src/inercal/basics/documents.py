@@ -61,9 +61,9 @@ def record_object(value: Any) -> Any:
     if isinstance(value, Mapping):
         content = cast("Mapping[str, Any]", value)
         return {key: record_object(one) for key, one in content.items()}
+    if isinstance(value, tuple) and hasattr(cast("Any", value), "_asdict"):
+        return record_object(cast("Any", value)._asdict())
     if isinstance(value, tuple | list):
-        if hasattr(value, "_asdict"):
-            return record_object(cast("Any", value)._asdict())
         return [record_object(one) for one in cast("list[Any]", value)]
     if isinstance(value, np.ndarray):
         return record_object(value.tolist())

@@ -13,12 +13,14 @@ def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]
     package : str
         Its `__name__`.
     modules : mapping of str to str
-        The module within the package that defines each name.
+        The module within the package that defines each name; "calibration.files".
     """
 
     def load(name: str) -> Any:
         if name not in modules:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            raise AttributeError(
+                f"module {package!r} has no attribute {name!r}; it has {', '.join(modules)}"
+            )
         return getattr(import_module(f"{package}.{modules[name]}"), name)
 
     return load

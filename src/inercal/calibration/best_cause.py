@@ -27,13 +27,13 @@ from inercal.estimation.scores import (
     PARALLEL_COSINE,
     SCORE_TEST_SHARE,
     SIGNIFICANCE_LEVEL,
-    Kind,
+    CandidateKind,
     ScoreTestSet,
     remaining_p_value,
 )
 from inercal.estimation.uncertainty.coverage import COVERAGE
 
-_KIND_ORDER: tuple[Kind, ...] = ("bench", "time", "row", "coefficient")
+_KIND_ORDER: tuple[CandidateKind, ...] = ("bench", "time", "row", "coefficient")
 _EQUIVALENT_CHI2 = 4.0  # of χ²: two standard deviations of one direction
 _MIN_P_VALUE = 1e-280  # a smaller probability is computed from its asymptote
 
@@ -67,7 +67,7 @@ class SuspectedCause:
     """
 
     name: str
-    kind: Kind
+    kind: CandidateKind
     components: tuple[str, ...]
     units: tuple[str, ...]
     sizes: tuple[float, ...]

@@ -18,6 +18,7 @@ from inercal.basics.errors import InputError
 from inercal.calibration.forms import Frame
 from inercal.calibration.verdict_object import VerdictRecord
 from inercal.estimation.uncertainty.conformity import Result, RuleName
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Form
 
 _Cosine = Annotated[float, Field(ge=-1.001, le=1.001)]
@@ -38,7 +39,7 @@ class _Readout(Record):
 
 class _Axis(Record):
     name: str
-    measures: Literal["f", "w"]
+    measures: Measures
     i: _Direction
     p: _Direction
     readout: _Readout

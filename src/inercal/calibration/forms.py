@@ -18,7 +18,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.calibration.shared_errors import SharedErrors, transform_shared
-from inercal.estimation.uncertainty.propagation import value_and_jacobian
+from inercal.estimation.uncertainty import value_and_jacobian
 from inercal.physics import frames
 from inercal.physics.sensors import G0, Sensor
 

@@ -10,7 +10,7 @@ from inercal.basics.units import format_quantity, format_value_and_uncertainty
 from inercal.calibration.advising import CHANGE_PREFIX, changes_text
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
-from inercal.estimation.scores import Kind
+from inercal.estimation.scores import CandidateKind
 from inercal.physics.sensors import Sensor
 
 _MIN_PROBABILITY = 1e-99  # smallest printed probability
@@ -65,7 +65,7 @@ def suspect_lines(
     return result
 
 
-def advice_text(kind: Kind, given: Advice) -> str:
+def advice_text(kind: CandidateKind, given: Advice) -> str:
     """Return advice on a cause in words."""
     if not given.changes:
         return given.action
@@ -128,7 +128,7 @@ def _coefficient_suspect_text(one: SuspectedCause, sensor: Sensor) -> str:
 
 
 def format_component(
-    sensor: Sensor, kind: Kind, name: str, size: float, sd: float, unit: str
+    sensor: Sensor, kind: CandidateKind, name: str, size: float, sd: float, unit: str
 ) -> str:
     """Return the size of a candidate's component with its deviation, in the units of reports.
 
@@ -136,7 +136,7 @@ def format_component(
     ----------
     sensor : Sensor
     kind, name : str
-        Kind of the candidate, and name of the component.
+        CandidateKind of the candidate, and name of the component.
     size, sd : float
         SI.
     unit : str

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.recordings.temperature_readout import first_impossible, impossible_text
+from inercal.recordings.temperature import first_impossible, impossible_text
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration

@@ -10,7 +10,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
-from inercal.estimation.scores import Kind
+from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel
 
 
@@ -176,7 +176,7 @@ def _recorded_cause(one: _Cause | None) -> SuspectedCause | None:
     left = one.remaining or _Remaining.model_construct(chi2=nan, dof=0, p_value=1.0)
     return SuspectedCause(
         name=one.name,
-        kind=cast("Kind", one.kind),
+        kind=cast("CandidateKind", one.kind),
         components=tuple(c.name for c in one.components),
         units=tuple(c.unit for c in one.components),
         sizes=tuple(c.value for c in one.components),

@@ -5,6 +5,7 @@ Help, and the refusal of a mistyped run file, stay quick.
 
 import os
 import sys
+from importlib import import_module
 from typing import Any
 
 import typer
@@ -14,33 +15,6 @@ from typer.exceptions import TyperException
 from inercal.basics.atomic_files import written_files
 from inercal.basics.errors import InercalError
 from inercal.basics.visible_text import visible_text
-from inercal.cli import (
-    apply_command,
-    bench_commands,
-    budget_command,
-    bundle_command,
-    calibrate_command,
-    certificate_commands,
-    compare_command,
-    compile_command,
-    control_command,
-    demo_command,
-    export_command,
-    fleet_commands,
-    import_command,
-    init_command,
-    measure_command,
-    noise_command,
-    plan_command,
-    qualify_command,
-    repeat_command,
-    report_command,
-    reproduce_command,
-    self_check_command,
-    show_command,
-    simulate_command,
-    store_commands,
-)
 from inercal.cli.streams import StandardStreams
 
 _INTERRUPTED = 130  # the exit status, as of a shell
@@ -65,34 +39,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=True,
 )
-for verb in (
-    demo_command,
-    init_command,
-    calibrate_command,
-    show_command,
-    compare_command,
-    plan_command,
-    measure_command,
-    budget_command,
-    noise_command,
-    simulate_command,
-    apply_command,
-    repeat_command,
-    qualify_command,
-    control_command,
-    export_command,
-    import_command,
-    report_command,
-    bundle_command,
-    reproduce_command,
-    compile_command,
-    self_check_command,
-):
-    app.command(verb.NAME)(verb.run)
-app.add_typer(bench_commands.app, name=bench_commands.NAME)
-app.add_typer(certificate_commands.app, name=certificate_commands.NAME)
-app.add_typer(fleet_commands.app, name=fleet_commands.NAME)
-app.add_typer(store_commands.app, name=store_commands.NAME)
+# The verb self-check is `run` in the module self_check_command, and so on.
+_VERBS = """
+    demo init calibrate show compare plan measure budget noise simulate apply repeat qualify control
+    export import report bundle reproduce compile self-check
+"""
+_GROUPS = ("bench", "certificate", "fleet", "store")
+for verb in _VERBS.split():
+    module = import_module(f"inercal.cli.{verb.replace('-', '_')}_command")
+    app.command(verb)(module.run)
+for group in _GROUPS:
+    app.add_typer(import_module(f"inercal.cli.{group}_commands").app, name=group)
 
 
 @app.callback(invoke_without_command=True)

@@ -1,17 +1,17 @@
 """`inercal apply`: correct a recording with a calibration."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.console import print_json, progress_status
+from inercal.basics.errors import InercalError, InputError
+from inercal.cli.console import print_json, progress_status, report_line
+from inercal.cli.options import Force, Json
+from inercal.cli.outputs import RECORDING, check_outputs
 
 if TYPE_CHECKING:
     from inercal.basics.errors import InputError
-
-NAME = "apply"
 
 
 def run(
@@ -25,13 +25,11 @@ def run(
         "--extrapolate",
         help="Correct samples beyond the temperatures of the calibration too, and mark them.",
     ),
-    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
-    from inercal.basics.errors import InercalError
     from inercal.calibration.files import load
-    from inercal.cli.outputs import RECORDING, check_outputs
     from inercal.runfile import read
 
     try:
@@ -57,7 +55,7 @@ def run(
         reason = f": {verdict.reasons[0]}" if verdict.reasons else ""
         warnings.insert(0, f"{calibration_file} is {verdict.word}{reason}")
     for warning in warnings:
-        print(f"inercal: warning: {warning}", file=sys.stderr)
+        report_line(f"warning: {warning}")
     if json:
         print_json(
             {
@@ -76,8 +74,6 @@ def run(
 
 def _of_another_kind(calibration_file: Path, run_file: Path) -> "InputError | None":
     """Return what to give instead of files in the wrong order, or of a log; None of others."""
-    from inercal.basics.errors import InputError
-
     usage = "inercal apply CALIBRATION RUN_FILE --out CORRECTED"
     if calibration_file.suffix == ".toml" and run_file.suffix == ".json":
         return InputError(

@@ -1,22 +1,16 @@
 """`inercal bench`: drive a real or simulated table, read an IMU, calibrate live."""
 
 import sys
+from dataclasses import asdict
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from inercal.cli import bench_devices
-from inercal.cli.bench_options import (
-    CLOCK_HELP,
-    PATIENCE_HELP,
-    SPEED_HELP,
-    TABLE_HELP,
-    TEMPERATURE_HELP,
-    positive_number,
-    run_options,
-)
+from inercal.basics.errors import InputError, require_extra
 from inercal.cli.console import (
     exit_with_verdict,
     open_register,
@@ -24,25 +18,31 @@ from inercal.cli.console import (
     print_json,
     print_written_files,
     progress_status,
+    report_line,
 )
+from inercal.cli.options import Json, positive_number, run_options
 
 if TYPE_CHECKING:
     from inercal.host.journal import Journal
     from inercal.host.live_estimator import LiveEstimator
-    from inercal.host.options import RunOptions
     from inercal.host.registration import RegisterSync
     from inercal.host.run_folder import RunFolder
+    from inercal.host.tasks import RunOptions
     from inercal.laboratory.store import Register
     from inercal.runfile import Run
 
-NAME = "bench"
 app = typer.Typer(help="Drive a table, read an IMU, calibrate live.", no_args_is_help=True)
 
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
-_Clock = Annotated[str, typer.Option(help=CLOCK_HELP)]
-_Speed = Annotated[float | None, typer.Option(help=SPEED_HELP)]
-_Patience = Annotated[float, typer.Option(help=PATIENCE_HELP)]
-_Temperature = Annotated[str, typer.Option("--temperature", help=TEMPERATURE_HELP)]
+_Clock = Annotated[str, typer.Option(help="Clock of a simulated bench, as `simulate` prints it.")]
+_Speed = Annotated[
+    float | None,
+    typer.Option(help="Most simulated seconds per second, on a simulated bench."),
+]
+_Patience = Annotated[float, typer.Option(help="Seconds without IMU data before the run ends.")]
+_Temperature = Annotated[
+    str, typer.Option(help="Permitted range of the IMU's temperature, °C, such as 15:40.")
+]
 _Operator = Annotated[
     str, typer.Option(help="Who confirms mountings; by default the name of the user.")
 ]
@@ -53,18 +53,20 @@ _Answers = Annotated[
         "each; needed on real hardware without a terminal."
     ),
 ]
-_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 _Register = Annotated[
     str | None,
     typer.Option(help="Register to enter the run in: an address, or default."),
 ]
+_TABLE_HELP = (
+    "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
+)
 _IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
 
 @app.command()
 def run(
     run_file: _RunFile,
-    table: Annotated[str, typer.Option(help=TABLE_HELP)],
+    table: Annotated[str, typer.Option(help=_TABLE_HELP)],
     imu: Annotated[str, typer.Option(help=_IMU_HELP)],
     out: Annotated[
         Path | None,
@@ -77,18 +79,16 @@ def run(
     register: _Register = None,
     operator: _Operator = "",
     answers: _Answers = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Carry out the plan of a run file, and calibrate from its recording."""
-    from datetime import datetime
-
     from inercal.host.plan_check import check_plan
     from inercal.host.run_folder import create_run
     from inercal.runfile import read
 
     options = run_options(speed, patience, temperature)
     plan = read(run_file)
-    kept = open_register(register)
+    kept = None if register is None else open_register(register)
     _require_operator(plan, answers, simulated=bool(clock))
     with progress_status("checking the plan"):
         warnings = check_plan(plan)
@@ -97,14 +97,14 @@ def run(
     with journal, result.removed_on_failure():
         for words in warnings:
             journal.record_event("warning", words)
-            print(f"inercal: {words}", file=sys.stderr)
+            report_line(words)
         _complete_run(result, journal, options, json, kept, operator, answers)
 
 
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
-    table: Annotated[str, typer.Option(help=f"If the address changed: {TABLE_HELP}")] = "",
+    table: Annotated[str, typer.Option(help=f"If the address changed: {_TABLE_HELP}")] = "",
     imu: Annotated[str, typer.Option(help=f"If the address changed: {_IMU_HELP}")] = "",
     clock: _Clock = "",
     speed: _Speed = None,
@@ -113,13 +113,13 @@ def resume(
     register: _Register = None,
     operator: _Operator = "",
     answers: _Answers = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Continue a run that was interrupted; the interrupted step is repeated from its start."""
     from inercal.host.run_folder import reopen_run
 
     options = run_options(speed, patience, temperature)
-    kept = open_register(register)
+    kept = None if register is None else open_register(register)
     result, journal = reopen_run(folder, (table, imu, clock))
     with journal:
         _require_operator(result.run, answers, simulated=bool(journal.header().addresses[2]))
@@ -138,7 +138,7 @@ def _complete_run(
     """Carry out the remaining steps of a run, finish it, and enter it in a register, if any."""
     from inercal.calibration.files import calibration_object
     from inercal.host.registration import RegisterSync
-    from inercal.host.run_completion import finish_run
+    from inercal.host.run_execution import finish_run
 
     register_sync = RegisterSync(register, folder.path)
     live = None
@@ -156,7 +156,7 @@ def _complete_run(
         print_json(calibration_object(outcome.calibration) | files)
     else:
         print_coefficients(outcome, folder.run.truth)
-        print_written_files(files)
+        print_written_files(files.values())
     exit_with_verdict(outcome)
 
 
@@ -168,7 +168,6 @@ def _require_operator(run: "Run", answers: Path | None, *, simulated: bool) -> N
     InputError
         Real hardware without a terminal and without answers, or answers that cannot be read.
     """
-    from inercal.basics.errors import InputError
     from inercal.cli.mounting_answers import read_answers
     from inercal.host.tasks import host_plan
 
@@ -187,7 +186,7 @@ def _enter_run(register_sync: "RegisterSync") -> None:
     """Enter a run in its present state; print what failed, and how to enter it later."""
     register_sync.update()
     if register_sync.trouble:
-        print(f"inercal: {register_sync.trouble}", file=sys.stderr)
+        report_line(register_sync.trouble)
 
 
 def _carry_out_plan(
@@ -199,10 +198,8 @@ def _carry_out_plan(
     answers: Path | None,
 ) -> "LiveEstimator | None":
     """Carry out the plan; return the live estimator."""
-    from functools import partial
-
     from inercal.cli.bench_view import listen_to_keys, run_display
-    from inercal.cli.typed_confirmation import TypedConfirmation
+    from inercal.cli.mounting_answers import TypedConfirmation
     from inercal.host.addresses import layout_of_address
     from inercal.host.precompilation import precompile_run
     from inercal.host.run_execution import RunInterrupted, execute_run
@@ -224,7 +221,7 @@ def _carry_out_plan(
             )
     except RunInterrupted as error:
         _enter_run(register_sync)
-        print(f"inercal: interrupted: {error}", file=sys.stderr)
+        report_line(f"interrupted: {error}")
         if error.can_be_resumed:
             print(f"continue by: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(130) from None
@@ -253,7 +250,6 @@ def simulate(
 
     Lines typed here inject faults: `imu fault loss 0.01`, `table fault amplifier 2`.
     """
-    from inercal.basics.errors import InputError
     from inercal.host.bench_simulator import BenchSimulator
 
     if rate is not None:
@@ -307,8 +303,6 @@ def serve(
 
     A run survives the page and this server. A software stop is no safety function.
     """
-    from inercal.basics.errors import InputError, require_extra
-
     runs_options = run_options(speed, patience, temperature)
     if not 0 <= port < 65536:
         raise InputError(f"--port {port}: give a port from 0 to 65535", key="--port")
@@ -319,4 +313,58 @@ def serve(
     served(ServerOptions(plans, runs, register, table, imu, clock, runs_options, host, port, token))
 
 
-app.command()(bench_devices.devices)
+@app.command()
+def devices(
+    table: Annotated[str, typer.Option(help=f"Query a table: {_TABLE_HELP}")] = "",
+    imu: Annotated[
+        str,
+        typer.Option(help="Listen to an IMU for a second; without preset= every preset is tried."),
+    ] = "",
+    run_file: Annotated[
+        Path | None,
+        typer.Option("--run", "-r", help="Run file whose bench names the axes of the table."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List serial ports, packets of an IMU and settings of a table. Nothing moves."""
+    from inercal.host import devices as host_devices
+    from inercal.host.devices import imu_lines, port_lines, table_lines
+    from inercal.host.tasks import host_plan
+    from inercal.runfile import read
+
+    if run_file is not None and not table:
+        raise InputError("--run names the axes of a table: add --table, or remove it", key="--run")
+    content: dict[str, object] = {}
+    lines: list[str] = []
+    if not (table or imu):
+        ports = host_devices.list_serial_ports()
+        content["ports"] = [asdict(port) for port in ports]
+        lines += port_lines(ports)
+    if table:
+        seen = host_devices.probe_table(
+            table, None if run_file is None else host_plan(read(run_file)).bench
+        )
+        content["table"] = asdict(seen)
+        lines += table_lines(seen)
+    if imu:
+        reply = host_devices.probe_imu(imu)
+        content["imu"] = {
+            "address": reply.address,
+            "bytes": reply.size,
+            "seconds": reply.seconds,
+            "packets": [
+                {
+                    "preset": decoding.layout.name,
+                    "protection": decoding.layout.protection,
+                    "taken": decoding.decoded_fraction,
+                    "rate_hz": decoding.rate_hz,
+                }
+                for decoding in reply.decodings
+            ],
+        }
+        lines += imu_lines(reply)
+    if json:
+        print_json(content)
+        return
+    for line in lines:
+        print(line)

@@ -9,9 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inercal.basics.keys import CoefficientName
-from inercal.cli.mounting_answers import WORD, answer_mountings, operator_name
-from inercal.cli.tables import make_table, number_column
-from inercal.cli.typed_confirmation import TypedConfirmation
+from inercal.cli.console import make_table
+from inercal.cli.mounting_answers import (
+    WORD,
+    TypedConfirmation,
+    answer_mountings,
+    operator_name,
+)
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -65,8 +69,8 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> "Render
     from rich.text import Text
 
     head = Text(_progress_line(run), style="bold")
-    heads = map(number_column, ("angle", "rate", "following error"))
-    axes = make_table("axis", *heads, "", box=None, padding=(0, 2, 0, 0))
+    heads = ("axis", ">angle", ">rate", ">following error", "")
+    axes = make_table(*heads, box=None, padding=(0, 2, 0, 0))
     if run.state is not None:
         for name, axis in zip(run.axes, run.state.axes, strict=True):
             axes.add_row(
@@ -79,25 +83,19 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> "Render
     messages = Text()
     for level, words in run.recorder.recent_messages:
         messages.append(f"{words}\n", style=_COLOURS[level])
-    parts = [
-        head,
-        *_mounting_line(run, typed),
-        axes,
-        Text(_imu_line(run)),
-        *_live_estimate(run),
-        messages,
-        Text(keys, style="dim"),
-    ]
-    return Panel(Group(*parts), title=run.name)
-
-
-def _mounting_line(run: "BenchRun", typed: str) -> "list[RenderableType]":
-    from rich.text import Text
-
-    if (request := run.mounting_request) is None:
-        return []
-    words = f"{request.instruction}; then type {WORD} {request.mounting} and Enter"
-    return [Text(words, style="bold yellow"), Text(f"> {typed}_")]
+    tally = run.recorder.assembly.tally
+    counts = tally.bytes
+    imu = (
+        f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} with a wrong check, "
+        f"{counts.discarded} bytes discarded; {tally.samples} samples with an angle, "
+        f"{tally.samples_without_angle} without"
+    )
+    mounting: list[RenderableType] = []
+    if (request := run.mounting_request) is not None:
+        words = f"{request.instruction}; then type {WORD} {request.mounting} and Enter"
+        mounting = [Text(words, style="bold yellow"), Text(f"> {typed}_")]
+    parts = [head, *mounting, axes, Text(imu), *_live_estimate(run), messages]
+    return Panel(Group(*parts, Text(keys, style="dim")), title=run.name)
 
 
 def _progress_line(run: "BenchRun") -> str:
@@ -113,16 +111,6 @@ def _progress_line(run: "BenchRun") -> str:
 
 def _clock_text(seconds: float) -> str:
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
-
-
-def _imu_line(run: "BenchRun") -> str:
-    tally = run.recorder.assembly.tally
-    counts = tally.bytes
-    return (
-        f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} with a wrong check, "
-        f"{counts.discarded} bytes discarded; {tally.samples} samples with an angle, "
-        f"{tally.samples_without_angle} without"
-    )
 
 
 def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
@@ -149,7 +137,7 @@ def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
         part = run.sensor.select_axes(kind)
         if not part.coefficients:
             continue
-        heads = (number_column(axis.name) for axis in part.axes)
+        heads = (f">{axis.name}" for axis in part.axes)
         table = make_table("", *heads, "", box=None, padding=(0, 2, 0, 0))
         for own in dict.fromkeys(CoefficientName(name).term for name in part.coefficients):
             cells = [_coefficient_cell(run, f"{axis.name}.{own}", values) for axis in part.axes]

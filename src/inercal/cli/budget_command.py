@@ -1,38 +1,33 @@
 """`inercal budget`: what each imperfection of bench and sensor contributes to a coefficient."""
 
+from collections.abc import Sequence
+from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.console import (
-    print_json,
-    print_written_files,
-    progress_status,
-)
-from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InputError
+from inercal.cli.console import print_json, print_table, print_written_files, progress_status
+from inercal.cli.options import Json, Scheduler, Workers, warn_of_root
+from inercal.cli.outputs import BUDGET, PAGE, check_outputs
 
 if TYPE_CHECKING:
     from inercal.pipeline.budget import Budget
-
-NAME = "budget"
 
 
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML); its data are not read."),
     trials: int = typer.Option(1000, help="Monte Carlo trials of each imperfection."),
     seed: int = typer.Option(0, help="Seed of the trials."),
-    workers: int | None = WORKERS,
-    scheduler: str | None = SCHEDULER,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
+    json: Json = False,
 ) -> None:
     """Compute the error budget: the contribution of each imperfection to each coefficient."""
-    from json import dumps
-
-    from inercal.basics.errors import InputError
     from inercal.basics.parallel import open_executor
-    from inercal.cli.outputs import BUDGET, PAGE, check_outputs
     from inercal.runfile import read
 
     if trials < 2:
@@ -45,7 +40,6 @@ def run(
     executor = open_executor(workers, scheduler)
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
-    from inercal.basics.atomic_files import write_text
     from inercal.pipeline.budget import budget
     from inercal.pipeline.budget.contribution_table import budget_as_dict
     from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
@@ -79,34 +73,34 @@ def run(
         print_json(content | files)
         return
     _print(result)
-    print_written_files(files)
+    print_written_files(files.values())
 
 
 def _print(result: "Budget") -> None:
+    from rich.text import Text
 
-    from inercal.cli.tables import make_table, number_column
-    from inercal.cli.terminal import terminal
     from inercal.pipeline.budget.contribution_table import contribution_rows, shift_cells
 
-    sensor, console = result.experiment.sensor, terminal()
-    numbers = map(number_column, ("first order", "Monte Carlo", "±"))
-    title = f"error budget of {sensor.name}: standard deviations"
-    table = make_table(
-        "coefficient", "imperfection", *numbers, "unit", number_column("share"), title=title
-    )
+    sensor = result.experiment.sensor
+    rows: list[Sequence[str | Text]] = []
     for k, name in enumerate(sensor.coefficients):
         unit = sensor.coefficient(name).unit
         for j, row in enumerate(contribution_rows(result, k)):
-            table.add_row(
+            cells = (
                 name * (j == 0), row.name, row.first_order, row.monte_carlo, row.error, unit,
-                f"{100 * row.share:.0f} %", style="bold" if row.kind == "total" else "",
+                f"{100 * row.share:.0f} %",
             )  # fmt: skip
-        table.add_section()
-    console.print(table)
-    if not result.shifts:
-        return
-    shifts = [number_column(f"{one.name}\n{one.value}") for one in result.shifts]
-    moved = make_table("coefficient", *shifts, "unit", title="if left uncorrected")
-    for k, name in enumerate(sensor.coefficients):
-        moved.add_row(name, *shift_cells(result, k), sensor.coefficient(name).unit)
-    console.print(moved)
+            rows.append([Text(cell, "bold" if row.kind == "total" else "") for cell in cells])
+        rows.append(())
+    print_table(
+        ("coefficient", "imperfection", ">first order", ">Monte Carlo", ">±", "unit", ">share"),
+        rows,
+        title=f"error budget of {sensor.name}: standard deviations",
+    )
+    if result.shifts:
+        shifts = (f">{one.name}\n{one.value}" for one in result.shifts)
+        rows = [
+            (name, *shift_cells(result, k), sensor.coefficient(name).unit)
+            for k, name in enumerate(sensor.coefficients)
+        ]
+        print_table(("coefficient", *shifts, "unit"), rows, title="if left uncorrected")

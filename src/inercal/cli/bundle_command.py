@@ -4,28 +4,27 @@ from pathlib import Path
 
 import typer
 
+from inercal.basics.errors import InputError
 from inercal.cli.console import print_json
-
-NAME = "bundle"
+from inercal.cli.options import Force, Json
+from inercal.cli.outputs import BUNDLE, check_outputs
 
 
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML) of the calibration."),
     calibration: Path | None = typer.Option(
-        None, "--calibration", help="Its calibration file (default: that of its name here)."
+        None, help="Its calibration file (default: that of its name here)."
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The bundle to write, .zip (default: the run file's name here)."
     ),
-    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Pack run file, data and calibration into one file, which `inercal reproduce` checks.
 
     The file holds versions, machine and the SHA-256 of each file.
     """
-    from inercal.basics.errors import InputError
-    from inercal.cli.outputs import BUNDLE, check_outputs
     from inercal.pipeline.bundles import write_bundle
 
     file = calibration or Path(f"{run_file.stem}.calibration.json")

@@ -1,10 +1,12 @@
 """`inercal calibrate`: from a run file to a calibration file and a report."""
 
-import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import typer
 
+from inercal.basics.atomic_files import atomic_write_all, keep_previous
+from inercal.basics.errors import MissingExtra
 from inercal.cli.console import (
     draw_refusal,
     exit_with_verdict,
@@ -14,9 +16,10 @@ from inercal.cli.console import (
     print_json,
     print_written_files,
     progress_status,
+    report_line,
 )
-
-NAME = "calibrate"
+from inercal.cli.options import Json, Strict
+from inercal.cli.outputs import CALIBRATION, PAGE, check_outputs, require_same_run, table_kind
 
 
 def run(
@@ -31,31 +34,18 @@ def run(
     register: str | None = typer.Option(
         None, help="Register to enter the calibration in: an address, or default."
     ),
-    strict: bool = typer.Option(
-        False, "--strict", help="Exit with status 3 also for a result with reservations."
-    ),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
+    strict: Strict = False,
+    json: Json = False,
 ) -> None:
     """Estimate a sensor's coefficients and their uncertainties from a recording.
 
     The exit status is 0, 2 for input that cannot be used, 3 where the result is written but is not
     to be relied on, or 130 when interrupted.
     """
-    from contextlib import nullcontext
-
-    from inercal.cli.outputs import (
-        CALIBRATION,
-        PAGE,
-        check_outputs,
-        require_same_run,
-        table_kind,
-    )
     from inercal.runfile import read
 
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
-    from inercal.basics.atomic_files import atomic_write_all, keep_previous
-    from inercal.basics.errors import MissingExtra
     from inercal.calibration.files import calibration_object, save
     from inercal.pipeline import calibrate
     from inercal.recordings.io.mean_tables import write_means
@@ -71,7 +61,10 @@ def run(
     if not force:
         require_same_run(files["calibration_file"], run_file, plan.sensor.name)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
-    with open_register(register) or nullcontext() as opened, progress_status(doing) as update:
+    with (
+        nullcontext() if register is None else open_register(register) as opened,
+        progress_status(doing) as update,
+    ):
         with draw_refusal(plan, refused):
             outcome = calibrate(
                 plan, lambda generation: update(f"{doing}: {generation_text(generation)}")
@@ -108,7 +101,7 @@ def run(
         )
     else:
         print_coefficients(outcome, plan.truth)
-        print_written_files(files)
+        print_written_files(files.values())
     if missing is not None:
-        print(f"inercal: no report: {missing}", file=sys.stderr)
+        report_line(f"no report: {missing}")
     exit_with_verdict(outcome, strict=strict)

@@ -2,8 +2,6 @@
 
 from typing import Any
 
-from rich.text import Text
-
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import Comparison
@@ -16,69 +14,48 @@ from inercal.calibration.comparison.comparison_text import (
 from inercal.calibration.comparison.run_to_run import RunToRun
 from inercal.calibration.display import coefficient_lines
 from inercal.calibration.specification import conformity_lines
-from inercal.cli.tables import add_row, begin_section, make_table, number_column, number_columns
-from inercal.cli.terminal import terminal
+from inercal.cli.console import axis_of, print_line, print_lines, print_table
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.sensors import SI_UNITS
-
-_MAX_LINE = 2000  # characters
-
-
-def print_line(text: str) -> None:
-    """Print a line; one that no person reads to its end is cut."""
-    if len(text) > _MAX_LINE:
-        text = f"{text[:_MAX_LINE]}… ({len(text)} characters; --json prints all)"
-    terminal(highlight=False).print(Text(text))
 
 
 def print_calibration_table(calibration: Calibration) -> None:
     """Print the coefficients with U (k = 2), and the notes."""
-    table = make_table("coefficient", "meaning", *number_columns(("value", "U (k = 2)")), "unit")
-    previous = ""
-    for line in coefficient_lines(calibration):
-        previous = begin_section(table, line.name, previous)
-        add_row(table, *line[:5])
-    terminal().print(table)
-    for note in calibration.notes:
-        print_line(f"· {note}")
-    for line in conformity_lines(calibration):
-        print_line(line)
+    heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit")
+    rows = (line[:5] for line in coefficient_lines(calibration))
+    print_table(heads, rows, section=axis_of)
+    print_lines(calibration.notes, "· ")
+    print_lines(conformity_lines(calibration))
 
 
 def print_comparison(
     compared: Comparison, names: tuple[str, str], ordinary: RunToRun | None = None
 ) -> None:
     """Print two calibrations, coefficient by coefficient, and the tests of all."""
-    numbers = number_columns(("value 1", "± U", "value 2", "± U", "difference", "± U"))
-    table = make_table("coefficient", *numbers, "unit", number_column("E_n"))
     print_line(f"1: {names[0]}; 2: {names[1]}; U with k = 2")
-    previous = ""
-    both, std = (compared.first, compared.second), compared.std
-    for k, name in enumerate(compared.names):
-        previous = begin_section(table, name, previous)
-        line = compared.second.sensor.coefficient(name)
-        found = [
-            (one.value(name), float(u[k]), one.states_uncertainty)
-            for one, u in zip(both, std, strict=True)
-        ]
-        difference = float(compared.difference[k]), float(compared.difference_std[k])
-        found.append((*difference, compared.states_uncertainty))
-        cells: list[str] = []
-        for x, u, stated in found:
-            value, expanded = format_value_and_uncertainty(x / line.si, COVERAGE * u / line.si)
-            cells += [value, expanded if stated else ""]
-        add_row(table, name, *cells, line.unit, format_en(float(compared.normalised_errors[k])))
-    terminal().print(table)
-    for line in comparison_lines(compared):
-        print_line(line)
+    numbers = (">value 1", ">± U", ">value 2", ">± U", ">difference", ">± U")
+    rows = (_comparison_row(compared, k) for k in range(len(compared.names)))
+    print_table(("coefficient", *numbers, "unit", ">E_n"), rows, section=axis_of)
+    print_lines(comparison_lines(compared))
     if ordinary is not None:
-        further = run_to_run_lines(ordinary)
+        print_lines(run_to_run_lines(ordinary))
     elif compared.first.sensor.name == compared.second.sensor.name:
-        further = repeatability_lines(compared.exceedances, compared.joint_test)
-    else:
-        further = []
-    for line in further:
-        print_line(line)
+        print_lines(repeatability_lines(compared.exceedances, compared.joint_test))
+
+
+def _comparison_row(compared: Comparison, k: int) -> list[str]:
+    name = compared.names[k]
+    line = compared.second.sensor.coefficient(name)
+    found = [
+        (one.value(name), float(u[k]), one.states_uncertainty)
+        for one, u in zip((compared.first, compared.second), compared.std, strict=True)
+    ]
+    difference = float(compared.difference[k]), float(compared.difference_std[k])
+    cells = [name]
+    for x, u, stated in (*found, (*difference, compared.states_uncertainty)):
+        value, expanded = format_value_and_uncertainty(x / line.si, COVERAGE * u / line.si)
+        cells += [value, expanded if stated else ""]
+    return [*cells, line.unit, format_en(float(compared.normalised_errors[k]))]
 
 
 def run_to_run_object(found: RunToRun | None) -> dict[str, Any] | None:

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from inercal.cli.console import print_json
+from inercal.basics.atomic_files import atomic_write_all
+from inercal.basics.errors import InercalError, InputError, require_installed
+from inercal.cli.console import open_register, print_json, print_table, print_written_files
+from inercal.cli.options import Force, Json, RegisterOption
 
 if TYPE_CHECKING:
-    from inercal.laboratory.certificate.issue import IssueOptions
     from inercal.laboratory.store import CertificateFiles
 
-NAME = "certificate"
 PASSPHRASE = "INERCAL_SIGNING_PASSPHRASE"
 _ISSUE = "issue"
 
@@ -43,65 +44,55 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-_Register = Annotated[
-    str | None,
-    typer.Option(
-        "--register",
-        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER.",
-    ),
-]
-_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 _Out = Annotated[Path, typer.Option("--out", "-o", help="The folder for the files.")]
 _Schema = Annotated[
     Path | None, typer.Option("--schema", help="dcc.xsd, to validate the DCC; not in the package.")
 ]
-_Force = Annotated[bool, typer.Option("--force", help="Write over existing files.")]
 
 
 @app.command(_ISSUE)
 def issue(
     file: Annotated[Path, typer.Argument(help="A calibration file.")],
-    lab: Annotated[Path, typer.Option("--lab", help="The laboratory's file (TOML).")],
+    lab: Annotated[Path, typer.Option(help="The laboratory's file (TOML).")],
     job: Annotated[
-        Path | None, typer.Option("--job", help="A TOML file whose \\[job] adds to the run's.")
+        Path | None, typer.Option(help="A TOML file whose \\[job] adds to the run's.")
     ] = None,
     as_found: Annotated[
-        Path | None, typer.Option("--as-found", help="The calibration file before adjustment.")
+        Path | None, typer.Option(help="The calibration file before adjustment.")
     ] = None,
-    language: Annotated[_Language, typer.Option("--language", help="en, de or zh.")] = _Language.en,
+    language: Annotated[_Language, typer.Option(help="en, de or zh.")] = _Language.en,
     issued: Annotated[
         str | None, typer.Option("--date", help="Date of issue, such as 2026-11-26; else today.")
     ] = None,
     amends: Annotated[
-        str | None, typer.Option("--amends", help="Number of the certificate that this one amends.")
+        str | None, typer.Option(help="Number of the certificate that this one amends.")
     ] = None,
     replaces: Annotated[
-        str | None, typer.Option("--replaces", help="Number of the certificate that it replaces.")
+        str | None, typer.Option(help="Number of the certificate that it replaces.")
     ] = None,
     reason: Annotated[
-        str | None, typer.Option("--reason", help="Why an earlier certificate is changed.")
+        str | None, typer.Option(help="Why an earlier certificate is changed.")
     ] = None,
     font: Annotated[
-        Path | None, typer.Option("--font", help="A font file, for characters that others lack.")
+        Path | None, typer.Option(help="A font file, for characters that others lack.")
     ] = None,
     sign: Annotated[
         Path | None,
-        typer.Option("--sign", help=f"PKCS#12 file of the key; passphrase: ${PASSPHRASE}."),
+        typer.Option(help=f"PKCS#12 file of the key; passphrase: ${PASSPHRASE}."),
     ] = None,
     schema: _Schema = None,
     draft: Annotated[
         bool, typer.Option("--draft", help="A marked draft without a number, not registered.")
     ] = False,
     out: _Out = Path(),
-    force: _Force = False,
+    force: Force = False,
     by: Annotated[
         str | None, typer.Option(help="Who issues it; by default the user's name.")
     ] = None,
-    register: _Register = None,
-    json: _Json = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Issue a certificate: a number of the register, a PDF/A-3, and the DCC as XML."""
-    from inercal.basics.errors import require_installed
     from inercal.laboratory.certificate.libraries import CERTIFICATE
     from inercal.runfile.laboratory_file import read_laboratory
 
@@ -111,12 +102,20 @@ def issue(
     # The modules of the work load after the inputs were checked.
     from inercal.calibration.files import load
     from inercal.laboratory.certificate.content import CertificateInput
+    from inercal.laboratory.certificate.issue import IssueOptions, make_files
     from inercal.laboratory.certificate.issue import issue as issue_certificate
-    from inercal.laboratory.certificate.issue import make_files
     from inercal.laboratory.certificate.job import read_job
-    from inercal.laboratory.store import Register
+    from inercal.laboratory.certificate.signature import read_signing_key
 
-    options = _options(font, schema, sign, (amends, replaces, reason))
+    if amends and replaces:
+        raise _option_error("--replaces", "give --amends or --replaces, not both")
+    if bool(amends or replaces) != bool(reason):
+        raise _option_error(
+            "--reason", "--amends and --replaces go with --reason, and it with them"
+        )
+    key = None if sign is None else read_signing_key(sign, _passphrase(sign))
+    change = "amended" if amends else "substituted" if replaces else ""
+    options = IssueOptions(font, schema, key, change, amends or replaces or "", reason or "")
     calibration = load(file)
     given = CertificateInput(
         calibration,
@@ -133,7 +132,7 @@ def issue(
         files, number, address = make_files(given, "", options), "", None
         written = _write(files, out, f"{file.name.partition('.')[0]}.draft", force)
     else:
-        with Register(register, by) as opened:
+        with open_register(register, by) as opened:
             entry = issue_certificate(file, given, options, opened)
             address = opened.address
         number = entry.number
@@ -141,37 +140,34 @@ def issue(
     if json:
         print_json({"number": number, "register": address, **written})
         return
-    for path in written.values():
-        print(f"wrote {path}")
+    print_written_files(written.values())
 
 
 @app.command()
 def verify(
     file: Annotated[Path, typer.Argument(help="A certificate: the PDF or the DCC.")],
     trust: Annotated[
-        Path | None, typer.Option("--trust", help="PEM file of the certificates to trust.")
+        Path | None, typer.Option(help="PEM file of the certificates to trust.")
     ] = None,
     schema: _Schema = None,
-    register: _Register = None,
-    json: _Json = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Check signatures, agreement of the numbers, schema, and the register.
 
     The exit status is 0 where nothing fails and a signature that --trust names, or the register,
     vouches for the file, else 3. The register counts only where --register names it.
     """
-    from inercal.basics.errors import require_installed
     from inercal.laboratory.certificate.libraries import CERTIFICATE, SIGNATURE
 
     require_installed(*CERTIFICATE)
     require_installed(*SIGNATURE)
     from inercal.laboratory.certificate.verify import verify as verify_certificate
-    from inercal.laboratory.store import Register
 
     if register is None:
         found = verify_certificate(file, trust=trust, schema=schema)
     else:
-        with Register(register, create=False) as opened:
+        with open_register(register, create=False) as opened:
             found = verify_certificate(file, trust=trust, schema=schema, register=opened)
     if json:
         print_json(
@@ -196,66 +192,40 @@ def verify(
 def copy_(
     number: Annotated[str, typer.Argument(help="The number of a certificate.")],
     out: _Out = Path(),
-    force: _Force = False,
-    register: _Register = None,
-    json: _Json = False,
+    force: Force = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Write the files of an issued certificate again, as the register keeps them."""
-    from inercal.laboratory.store import Register
-
-    with Register(register, create=False) as opened:
+    with open_register(register, create=False) as opened:
         entry = opened.certificate(number)
     written = _write(entry.files, out, entry.number, force)
     if json:
         print_json({"number": entry.number, **written})
         return
-    for path in written.values():
-        print(f"wrote {path}")
+    print_written_files(written.values())
 
 
 @app.command("list")
-def list_(register: _Register = None, json: _Json = False) -> None:
+def list_(register: RegisterOption = None, json: Json = False) -> None:
     """List the certificates that the register issued."""
-    from inercal.cli.tables import add_row, make_table
-    from inercal.cli.terminal import terminal
-    from inercal.laboratory.store import Register
-
-    with Register(register, create=False) as opened:
+    with open_register(register, create=False) as opened:
         address, found = opened.address, opened.certificates()
     if json:
         print_json({"register": address, "certificates": [one._asdict() for one in found]})
         return
-    table = make_table("number", "issued", "sensor", "calibration", "changes", "issued by")
     words = {"": "", "amended": "amends ", "substituted": "replaces "}
-    for one in found:
-        change = words[one.change] + one.previous
-        add_row(table, one.number, one.issued, one.sensor, f"#{one.calibration}", change, one.by)
-    terminal(highlight=False).print(table)
-
-
-def _options(
-    font: Path | None,
-    schema: Path | None,
-    sign: Path | None,
-    change: tuple[str | None, str | None, str | None],
-) -> "IssueOptions":
-    from inercal.laboratory.certificate.issue import IssueOptions
-    from inercal.laboratory.certificate.signature import read_signing_key
-
-    amends, replaces, reason = change
-    if amends and replaces:
-        raise _option_error("--replaces", "give --amends or --replaces, not both")
-    if bool(amends or replaces) != bool(reason):
-        raise _option_error(
-            "--reason", "--amends and --replaces go with --reason, and it with them"
-        )
-    key = None if sign is None else read_signing_key(sign, _passphrase(sign))
-    kind = "amended" if amends else "substituted" if replaces else ""
-    return IssueOptions(font, schema, key, kind, amends or replaces or "", reason or "")
+    print_table(
+        ("number", "issued", "sensor", "calibration", "changes", "issued by"),
+        [
+            (one.number, one.issued, one.sensor, f"#{one.calibration}",
+             words[one.change] + one.previous, one.by)
+            for one in found
+        ],
+    )  # fmt: skip
 
 
 def _passphrase(path: Path) -> str:
-    from inercal.basics.errors import require_installed
     from inercal.laboratory.certificate.libraries import SIGNATURE
 
     require_installed(*SIGNATURE)
@@ -277,7 +247,6 @@ def _read_date(text: str | None) -> date:
 
 
 def _option_error(key: str, message: str) -> Exception:
-    from inercal.basics.errors import InputError
 
     return InputError(f"{key}: {message}" if key not in message else message, key=key)
 
@@ -286,8 +255,6 @@ def _write(
     files: "CertificateFiles", out: Path, stem: str, force: bool, number: str = ""
 ) -> dict[str, str]:
     """Write both files; where that fails, say how a certificate that was issued is had again."""
-    from inercal.basics.atomic_files import atomic_write_all
-    from inercal.basics.errors import InercalError
     from inercal.cli.outputs import CERTIFICATE, check_outputs
 
     paths = [out / f"{stem}.pdf", out / f"{stem}.xml"]

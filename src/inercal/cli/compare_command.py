@@ -4,9 +4,10 @@ from pathlib import Path
 
 import typer
 
+from inercal.basics.errors import InputError
 from inercal.cli.console import print_json
+from inercal.cli.options import Json
 
-NAME = "compare"
 REPEATABILITY = typer.Option(
     None,
     "--repeatability",
@@ -18,10 +19,9 @@ def run(
     first: Path = typer.Argument(help="A calibration file."),
     second: Path = typer.Argument(help="The later one, of the same sensor."),
     repeatability: Path | None = REPEATABILITY,
-    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
+    json: Json = False,
 ) -> None:
     """Compare two calibrations, coefficient by coefficient and all together."""
-    from inercal.basics.errors import InputError
     from inercal.calibration.comparison import compare
     from inercal.calibration.files import load
     from inercal.cli.calibration_view import comparison_object, print_comparison

@@ -1,13 +1,10 @@
 """`inercal compile`: all kernels, once, into the installation."""
 
-import typer
-
 from inercal.cli.console import print_json, progress_status
+from inercal.cli.options import Json
 
-NAME = "compile"
 
-
-def run(json: bool = typer.Option(False, "--json", help="Print one JSON object.")) -> None:
+def run(json: Json = False) -> None:
     """Compile all kernels now, so that no later run waits for the compiler.
 
     They are kept beside the installed modules, where a read-only installation finds them, or in the

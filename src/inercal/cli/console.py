@@ -1,22 +1,28 @@
-"""Output of the verbs: a table of coefficients, verdicts, JSON, progress; checks of --out."""
+"""Output of the verbs: tables, lines, verdicts, JSON and progress.
+
+A cell of a table that is too wide goes on in its next line and is never cut.
+"""
 
 import json
 import sys
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from math import isfinite
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from rich.table import Table
+    from rich.text import Text
+
     from inercal.laboratory.store import Register
-    from inercal.methods.ship_multi_angle.global_search import Generation
+    from inercal.methods.ship_multi_angle.norm_equations import Generation
     from inercal.pipeline import Outcome
     from inercal.runfile import Run
 
 
 _COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
+_MAX_CELL, _MAX_LINE = 200, 2000  # characters
 
 
 @contextmanager
@@ -74,68 +80,136 @@ def generation_text(generation: "Generation") -> str:
     )
 
 
-def print_written_files(files: "Mapping[str, Path | str]") -> None:
+def report_line(words: str) -> None:
+    """Print a line of the program for whoever runs it, on standard error."""
+    print(f"inercal: {words}", file=sys.stderr, flush=True)
+
+
+def print_written_files(files: "Iterable[Path | str]") -> None:
     """Print the names of the files that were written."""
-    for path in files.values():
+    for path in files:
         print(f"wrote {path}")
 
 
-def open_register(address: str | None) -> "Register | None":
-    """Open the register at an address, if any, before the work: a wrong address fails at once."""
-    if address is None:
-        return None
+def open_register(address: str | None, by: str | None = None, *, create: bool = True) -> "Register":
+    """Open a register; `create` makes one where there is none, `by` is who enters."""
     from inercal.laboratory.store import Register
 
-    return Register(address)
+    return Register(address, by, create=create)
+
+
+def make_table(*heads: str, title: str | None = None, **options: Any) -> "Table":
+    """Return a table that keeps every character; a head with ">" before it is of numbers."""
+    from rich.table import Column, Table
+
+    columns = (
+        Column(head.removeprefix(">"), justify="right" if head[:1] == ">" else "left",
+               overflow="fold")
+        for head in heads
+    )  # fmt: skip
+    return Table(*columns, title=title, **options)
+
+
+def print_table(
+    heads: Iterable[str],
+    rows: Iterable["Sequence[str | Text]"],
+    *,
+    title: str | None = None,
+    section: Callable[[str], str] | None = None,
+) -> None:
+    """Print a table of texts that may come from files; those that end in " *" stand out.
+
+    Parameters
+    ----------
+    heads : iterable of str
+        ">" before a head aligns its column to the right, as numbers are.
+    rows : iterable of sequence of str or Text
+        An empty row begins a section.
+    title : str, optional
+    section : callable, optional
+        A section begins where the value of this function of the first cell changes.
+    """
+    from rich.text import Text
+
+    from inercal.cli.terminal import terminal
+
+    table, previous = make_table(*heads, title=title), ""
+    for row in rows:
+        own = section(str(row[0])) if section and row else ""
+        if not row or (previous and own != previous):
+            table.add_section()
+        previous = own
+        if row:
+            table.add_row(*(x if isinstance(x, Text) else _cell(x) for x in row))
+    terminal().print(table)
+
+
+def _cell(text: str) -> "Text":
+    from rich.text import Text
+
+    shown = text if len(text) <= _MAX_CELL else f"{text[:_MAX_CELL]}…"
+    return Text(shown, style="bold red" if text.endswith(" *") else "")
+
+
+def axis_of(name: str) -> str:
+    """Return the axis of a coefficient, whose sections a table shows."""
+    from inercal.basics.keys import CoefficientName
+
+    return CoefficientName(name).axis
+
+
+def number_heads(heads: Iterable[str], numbers: Iterable[str]) -> list[str]:
+    """Return heads with the mark of numbers before those that begin with one of some words."""
+    return [f">{head}" if head.startswith(tuple(numbers)) else head for head in heads]
+
+
+def print_line(text: str, style: str = "") -> None:
+    """Print a line; one that no person reads to its end is cut."""
+    from rich.text import Text
+
+    from inercal.cli.terminal import terminal
+
+    if len(text) > _MAX_LINE:
+        text = f"{text[:_MAX_LINE]}… ({len(text)} characters; --json prints all)"
+    terminal(highlight=False).print(Text(text, style))
+
+
+def print_lines(texts: Iterable[str], bullet: str = "") -> None:
+    """Print lines, each with the same beginning."""
+    for text in texts:
+        print_line(f"{bullet}{text}")
 
 
 def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
     """Print one object or list on standard output; null stands for numbers that are not finite."""
+    from pydantic_core import to_jsonable_python
+
     is_unicode = (sys.stdout.encoding or "utf-8").lower().replace("-", "") == "utf8"
-    text = json.dumps(_finite(content), indent=1, ensure_ascii=not is_unicode, allow_nan=False)
+    plain = to_jsonable_python(content, inf_nan_mode="null")
+    text = json.dumps(plain, indent=1, ensure_ascii=not is_unicode, allow_nan=False)
     sys.stdout.write(text + "\n")
-
-
-def _finite(content: Any) -> Any:
-    """Return an object with null for numbers that JSON has not."""
-    if isinstance(content, float):
-        return content if isfinite(content) else None
-    if isinstance(content, Mapping):
-        return {key: _finite(value) for key, value in cast(Mapping[str, Any], content).items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in cast(Sequence[Any], content)]
-    return content
 
 
 def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
-    from rich.text import Text
-
     from inercal.calibration.display import coefficient_lines, title
     from inercal.calibration.specification import conformity_lines
-    from inercal.cli.tables import begin_section, make_table, number_columns
-    from inercal.cli.terminal import terminal
     from inercal.pipeline.truth import true_coefficients
 
     calibration = outcome.calibration
-    heads = ["coefficient", "meaning", *number_columns(("value", "U (k = 2)")), "unit"]
-    heads += number_columns(("error / u",)) if truth else []
-    table = make_table(*heads, title=title(calibration))
-    previous, true = "", true_coefficients(calibration, truth)
-    for line, std in zip(coefficient_lines(calibration), calibration.std, strict=True):
-        previous = begin_section(table, line.name, previous)
-        error = calibration.value(line.name) - true[line.name] if truth else 0.0
-        table.add_row(*line[:5], *([f"{error / std:+.2f}"] if truth else []))
-    console = terminal()
-    console.print(table)
+    true = true_coefficients(calibration, truth)
+    rows = [list(line[:5]) for line in coefficient_lines(calibration)]
+    if truth:
+        for row, std in zip(rows, calibration.std, strict=True):
+            row.append(f"{(calibration.value(row[0]) - true[row[0]]) / std:+.2f}")
+    error = (">error / u",) if truth else ()
+    heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit", *error)
+    print_table(heads, rows, title=title(calibration), section=axis_of)
     summary, *others = outcome.verdict.lines
-    style = f"bold {_COLOURS[outcome.verdict.tone]}"
-    console.print(Text(outcome.verdict.word.capitalize(), style))
-    console.print(summary, style="bold")
-    for text in others:
-        console.print(f"· {text}")
-    for text in conformity_lines(calibration):
-        console.print(Text(text))
+    print_line(outcome.verdict.word.capitalize(), f"bold {_COLOURS[outcome.verdict.tone]}")
+    print_line(summary, "bold")
+    print_lines(others, "· ")
+    print_lines(conformity_lines(calibration))
 
 
 def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:

@@ -1,20 +1,28 @@
 """`inercal control`: the control charts of a check standard."""
 
+from datetime import date
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from inercal.cli.console import print_json
-from inercal.cli.session_inputs import Same
-from inercal.cli.session_options import REGISTER, SAME, SENSOR, TABLE
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InputError
+from inercal.cli.console import open_register, print_json, print_written_files
+from inercal.cli.options import Force, Json, RegisterOption
+from inercal.cli.outputs import CONTROL, PAGE, check_outputs
+from inercal.cli.session_inputs import (
+    SameOption,
+    Sensor,
+    Sessions,
+    read_sessions,
+    require_single_source,
+)
 
 if TYPE_CHECKING:
     from inercal.laboratory.check_standard import ControlCharts
     from inercal.laboratory.store import CalibrationEntry
-
-NAME = "control"
 
 
 class Lasting(StrEnum):
@@ -30,55 +38,53 @@ def run(
         help="Calibration files of the check standard, in the order of time.",
         metavar="FILE…",
     ),
-    table: Path | None = TABLE,
-    sensor: str | None = SENSOR,
+    table: Sessions = None,
+    sensor: Sensor = None,
     bench: str | None = typer.Option(
         None,
-        "--bench",
         help="A bench of the register, by its name or kind: chart what its own runs show of it.",
     ),
-    register: str | None = REGISTER,
-    same: list[Same] | None = SAME,
-    reference: int = typer.Option(20, "--reference", help="How many days are the reference."),
+    register: RegisterOption = None,
+    same: SameOption = None,
+    reference: int = typer.Option(20, help="How many days are the reference."),
     run_length: float = typer.Option(
-        370.0, "--run-length", help="Days between false signals of all charts together."
+        370.0, help="Days between false signals of all charts together."
     ),
     restart: list[str] | None = typer.Option(
         None,
-        "--restart",
         help="Day of a repair, such as 2026-03-01: EWMA and MEWMA begin anew after it.",
     ),
     since: str | None = typer.Option(
-        None, "--since", help="First day of a new reference; earlier sessions are left out."
+        None, help="First day of a new reference; earlier sessions are left out."
     ),
     lasting: Lasting = typer.Option(
-        Lasting.EWMA, "--lasting", help="Chart of small lasting changes of one value."
+        Lasting.EWMA, help="Chart of small lasting changes of one value."
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Folder for the result and the page of the charts."
     ),
-    force: bool = typer.Option(False, "--force", help="Write over existing files."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Chart a check standard: whether the bench is in control, and since when it is not."""
     days = [_day(one, "--restart") for one in restart or []]
     begin = "" if since is None else _day(since, "--since")
+    options: dict[str, Any] = {
+        "reference": reference,
+        "run_length": run_length,
+        "restarts": days,
+        "lasting": lasting.value,
+    }
     if bench is not None:
-        from inercal.cli.bench_control import ChartOptions, run_bench_charts
-        from inercal.cli.session_inputs import require_single_source
-
         require_single_source(files, table, sensor, bench)
-        options = ChartOptions(
-            reference, run_length, days, lasting.value, begin, out, force=force, json=json
-        )
-        run_bench_charts(bench, register, options, same)
+        if same:
+            raise InputError(
+                "--same: runs of a bench are charted by their days; remove it", key="--same"
+            )
+        _chart_bench(bench, register, begin, options, out, force=force, json=json)
         return
-    from inercal.basics.atomic_files import write_text
     from inercal.basics.documents import document_text
-    from inercal.basics.errors import InputError
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
-    from inercal.cli.outputs import CONTROL, PAGE, check_outputs
-    from inercal.cli.session_inputs import read_sessions
     from inercal.laboratory.check_standard import CheckedSession, control_charts
     from inercal.laboratory.check_standard.chart_files import control_charts_object
 
@@ -92,20 +98,11 @@ def run(
     charted = [CheckedSession(*one) for one in given if one.measured >= begin]
     if not charted:
         raise InputError(f"--since {begin}: no session since then", key="--since")
-    found = control_charts(
-        charted,
-        reference=reference,
-        run_length=run_length,
-        restarts=days,
-        lasting=lasting.value,
-    )
+    found = control_charts(charted, **options)
     doubtful = None if sensor is None else _doubtful_calibrations(register, sensor, found)
-    targets: list[Path] = []
-    if out is not None:
-        stem = found.matched.sensor.name.replace("/", "_")
-        targets = [out / f"{stem}.control.json", out / f"{stem}.control.html"]
-        kinds = dict(zip(targets, (CONTROL, PAGE), strict=True))
-        check_outputs(kinds, inputs, force=force)
+    stem = f"{found.matched.sensor.name.replace('/', '_')}.control"
+    targets = _targets(out, stem, inputs, force=force)
+    if targets:
         from inercal.report import write_control
 
         write_text(targets[0], document_text(control_charts_object(found)))
@@ -115,14 +112,65 @@ def run(
         return
     print_charts(found)
     print_doubtful(doubtful)
-    for path in targets:
-        print(f"wrote {path}")
+    print_written_files(targets)
+
+
+def _chart_bench(
+    bench: str,
+    register: str | None,
+    begin: str,
+    options: dict[str, Any],
+    out: Path | None,
+    *,
+    force: bool,
+    json: bool,
+) -> None:
+    """Chart a bench of the register by the estimates of its own runs."""
+    from inercal.basics.documents import document_text
+    from inercal.cli.control_view import doubtful_object, print_bench_charts, print_doubtful
+    from inercal.laboratory.check_standard.bench_chart_texts import bench_charts_object
+    from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
+    from inercal.laboratory.store.bench_calibrations import calibrations_of_bench
+
+    with open_register(register, create=False) as opened:
+        inputs = list(opened.files)
+        entries = calibrations_of_bench(opened.calibrations(), bench)
+    entries = [one for one in entries if one.measured >= begin]
+    if not entries:
+        raise InputError(
+            f"--since {begin}: no calibration on bench {bench} since then", key="--since"
+        )
+    runs = [
+        ChartedRun(f"#{one.id}", one.measured, one.calibration.bench_estimates or ())
+        for one in entries
+    ]
+    found = bench_charts(bench, runs, **options)
+    doubtful = [one for one in entries if any(e.holds(one.measured) for e in found.episodes)]
+    stem = f"{bench.replace('/', '_').replace(' ', '_')}.bench_control"
+    targets = _targets(out, stem, inputs, force=force)
+    if targets:
+        from inercal.report import write_bench_control
+
+        write_text(targets[0], document_text(bench_charts_object(found)))
+        write_bench_control(found, targets[1], doubtful)
+    if json:
+        print_json(bench_charts_object(found) | doubtful_object(doubtful))
+        return
+    print_bench_charts(found)
+    print_doubtful(doubtful)
+    print_written_files(targets)
+
+
+def _targets(out: Path | None, stem: str, inputs: list[Path], *, force: bool) -> list[Path]:
+    """Return the result and the page to write; none without a folder."""
+    if out is None:
+        return []
+    targets = [out / f"{stem}.json", out / f"{stem}.html"]
+    check_outputs(dict(zip(targets, (CONTROL, PAGE), strict=True)), inputs, force=force)
+    return targets
 
 
 def _day(text: str, option: str) -> str:
-    from datetime import date
-
-    from inercal.basics.errors import InputError
 
     try:
         return date.fromisoformat(text).isoformat()
@@ -136,9 +184,7 @@ def _doubtful_calibrations(
     register: str | None, sensor: str, found: "ControlCharts"
 ) -> "list[CalibrationEntry]":
     """Return the calibrations on benches of the check standard while these were doubtful."""
-    from inercal.laboratory.store import Register
-
-    with Register(register, create=False) as opened:
+    with open_register(register, create=False) as opened:
         entries = opened.calibrations()
         name = opened.sensor(sensor).name
     benches = {(one.kind, one.bench) for one in entries if one.sensor == name}

@@ -11,8 +11,7 @@ from inercal.cli.console import (
     print_json,
     print_written_files,
 )
-
-NAME = "demo"
+from inercal.cli.options import Json
 
 
 def run(
@@ -21,7 +20,7 @@ def run(
     ),
     seed: int = typer.Option(0, min=0, help="Seed of the simulation."),
     quick: bool = typer.Option(False, "--quick", help="Run for 5 simulated minutes instead of 24."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    json: Json = False,
 ) -> None:
     """Calibrate an IMU on a simulated table, and compare the result with the truth."""
     from inercal.calibration.files import calibration_object
@@ -42,5 +41,5 @@ def run(
     print_coefficients(shown.outcome, shown.truth)
     print(f"{shown.seconds / 60:.1f} minutes simulated in {shown.seconds / shown.speed:.0f} s")
     print(f"normalised error squared against the truth: {shown.nees:.2f} (1 is expected)")
-    print_written_files(shown.files)
+    print_written_files(shown.files.values())
     exit_with_verdict(shown.outcome)

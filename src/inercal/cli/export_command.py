@@ -1,13 +1,15 @@
 """`inercal export`: a calibration as the file of a program, a device or a language."""
 
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from inercal.cli.console import print_json
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InputError
+from inercal.cli.console import print_json, report_line
+from inercal.cli.options import Force, Json, assignments
+from inercal.cli.outputs import OutputKind, check_outputs
 from inercal.physics.quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -15,8 +17,8 @@ if TYPE_CHECKING:
     from inercal.export.ranges import Range
     from inercal.export.target_definition import Target
 
-NAME = "export"
 
+OPTION_FORM = "OPTION=VALUE"
 SET = typer.Option(
     [], "--set", metavar="OPTION=VALUE", help="An option of the target: --set acc_id=1310988."
 )
@@ -48,7 +50,6 @@ def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
     to: str = typer.Option(
         ...,
-        "--to",
         help="Target: kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, "
         "imucal, c, c_fixed, cpp, matlab, python, csv, or one of another package.",
     ),
@@ -62,16 +63,12 @@ def run(
     over_force: str | None = FORCE_RANGE,
     over_rate: str | None = RATE_RANGE,
     over_temperature: str | None = TEMPERATURE_RANGE,
-    name: str | None = typer.Option(
-        None, "--name", help="For names in code (default: the sensor's name)."
-    ),
-    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    name: str | None = typer.Option(None, help="For names in code (default: the sensor's name)."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Write a calibration for another program, a device or a language, and print the error."""
-    from inercal.basics.atomic_files import write_text
     from inercal.calibration.files import load
-    from inercal.cli.outputs import OutputKind, check_outputs
     from inercal.export import TARGETS, export_calibration
 
     target = TARGETS.find(to)
@@ -81,7 +78,7 @@ def run(
     made = export_calibration(
         calibration,
         to,
-        options=stated_options(stated),
+        options=assignments(stated, "--set", OPTION_FORM),
         axes=axes,
         lossless=lossless,
         refit=refit,
@@ -93,7 +90,7 @@ def run(
     )
     write_text(path, made.text)
     if (verdict := calibration.verdict) is not None and verdict.grade == "unreliable":
-        print(f"inercal: warning: {calibration_file} is {verdict.word}", file=sys.stderr)
+        report_line(f"warning: {calibration_file} is {verdict.word}")
     if json:
         print_json({"file": str(path), "target": to, **costs_object(made)})
         return
@@ -112,26 +109,6 @@ def default_path(calibration_file: Path, target: "Target", name: str) -> Path:
     return Path(f"{stem}.{target.name}{target.suffix}")
 
 
-def stated_options(texts: Sequence[str], option: str = "--set") -> dict[str, str]:
-    """Return the values of `--set`, or of another such option, by name.
-
-    Raises
-    ------
-    InputError
-        A text without "=", or a name twice.
-    """
-    from inercal.basics.errors import InputError
-
-    found: dict[str, str] = {}
-    for text in texts:
-        name, separator, value = text.partition("=")
-        if not separator or name in found:
-            what = f"{name} is stated twice" if separator else "give OPTION=VALUE"
-            raise InputError(f"{option} {text}: {what}", key=option, names=(name,))
-        found[name.strip()] = value.strip()
-    return found
-
-
 def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
     """Return a range such as "-2 2 g" in SI.
 
@@ -144,7 +121,6 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
         return None
     import numpy as np
 
-    from inercal.basics.errors import InputError
     from inercal.basics.units import to_si
 
     parts = text.split(maxsplit=2)

@@ -2,21 +2,23 @@
 
 import sys
 from collections.abc import Mapping
+from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from inercal.basics.errors import InputError
 from inercal.cli import export_command
-from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
+from inercal.cli.console import open_register, print_json, progress_status, report_line
+from inercal.cli.options import Force, Json, Scheduler, Workers, assignments, warn_of_root
+from inercal.cli.outputs import CALIBRATION, PAGE, OutputKind, check_outputs
 
 if TYPE_CHECKING:
-    from inercal.basics.parallel import TolerantExecutor
     from inercal.fleet.calibration import Counts
     from inercal.fleet.line import Line
 
-NAME = "fleet"
 FAILED = 3  # exit status: some sensors have no result
 _SERIAL = 100  # sensors below which other processes cost more than they save
 _POLL = 0.5  # s
@@ -27,7 +29,6 @@ app = typer.Typer(
 )
 
 _Line = Annotated[Path, typer.Argument(help="Folder of the line: run.toml and sensors.csv.")]
-_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 _Out = Annotated[
     Path | None,
     typer.Option("--results", help="Folder of the results (default: fleet in the line's folder)."),
@@ -37,11 +38,11 @@ _Out = Annotated[
 @app.command()
 def calibrate(
     line: _Line,
-    workers: int | None = WORKERS,
-    scheduler: str | None = SCHEDULER,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     batch: Annotated[
         int | None,
-        typer.Option("--batch", help="Sensors of a batch (default: as many as take 2 s)."),
+        typer.Option(help="Sensors of a batch (default: as many as take 2 s)."),
     ] = None,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Try sensors again that failed before.")
@@ -49,27 +50,24 @@ def calibrate(
     timeout: Annotated[
         float | None,
         typer.Option(
-            "--timeout",
             metavar="SECONDS",
             help="Longest time of a sensor (default: 20 times that of the others, at least 60 s).",
         ),
     ] = None,
     register: Annotated[
-        str | None, typer.Option("--register", help="Enter the calibrations in this register.")
+        str | None, typer.Option(help="Enter the calibrations in this register.")
     ] = None,
     watch: Annotated[
         Path | None,
-        typer.Option("--watch", help="Calibrate each recording that arrives in this folder."),
+        typer.Option(help="Calibrate each recording that arrives in this folder."),
     ] = None,
     count: Annotated[
-        int | None, typer.Option("--count", help="With --watch: end after so many recordings.")
+        int | None, typer.Option(help="With --watch: end after so many recordings.")
     ] = None,
     out: _Out = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Calibrate the sensors that have no result yet; a failed one is a row with its reason."""
-    from inercal.basics.errors import InputError
-    from inercal.cli.console import print_json
     from inercal.fleet import results
     from inercal.fleet.line import read_line
 
@@ -94,21 +92,37 @@ def calibrate(
         _watch(read, watch, folder, count, timeout)
         return
     counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed, timeout)
+    without = counts.failed + counts.lost + counts.kept_failed
     content: dict[str, Any] = {**vars(counts), "results": str(folder)}
     if register is not None:
-        content["register"], content["entered"] = _enter(read, folder, register)
+        from inercal.fleet.registration import enter_results
+
+        with (
+            open_register(register) as opened,
+            progress_status("entering calibrations") as update,
+        ):
+            content["entered"] = enter_results(
+                read, folder, opened, lambda k: update(f"{k} are in the register")
+            )
+            content["register"] = opened.address
     if json:
         print_json(content)
     else:
-        _print_counts(counts, content)
-    if counts.failed + counts.lost + counts.kept_failed:
+        print(
+            f"{counts.sensors} sensors: {counts.done} calibrated, {counts.kept} kept as they were"
+        )
+        if without:
+            print(f"{without} have no result; inercal fleet status says why")
+        if "entered" in content:
+            print(f"{content['entered']} calibrations are in {content['register']}")
+        print(f"wrote {folder}")
+    if without:
         raise typer.Exit(FAILED)
 
 
 @app.command()
-def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
+def status(line: _Line, out: _Out = None, json: Json = False) -> None:
     """Say how many sensors are calibrated, failed and missing, and why they failed."""
-    from inercal.cli.console import print_json
     from inercal.fleet.latest import outdated_lines
     from inercal.fleet.line import read_line
     from inercal.fleet.status import line_status
@@ -140,14 +154,12 @@ def report(
         typer.Option("--out", "-o", help="The page (default: report.html in the line's folder)."),
     ] = None,
     out: _Out = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
+    force: Force = False,
     json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object, and no page without --out.")
     ] = False,
 ) -> None:
     """Compare the sensors: distributions, lots, outliers, drift, stations and yield."""
-    from inercal.cli.console import print_json, progress_status
-    from inercal.cli.outputs import PAGE, check_outputs
     from inercal.fleet import results
     from inercal.fleet.findings import statistics_object, summary_lines
     from inercal.fleet.line import read_line
@@ -185,19 +197,16 @@ def export(
     ],
     sensor: Annotated[
         str | None,
-        typer.Option("--sensor", help="Write the calibration file of this sensor instead."),
+        typer.Option(help="Write the calibration file of this sensor instead."),
     ] = None,
     to: Annotated[
         str | None,
-        typer.Option(
-            "--to", help="Write one file per sensor for this target (inercal export --help)."
-        ),
+        typer.Option(help="Write one file per sensor for this target (inercal export --help)."),
     ] = None,
     stated: list[str] = export_command.SET,
     column: Annotated[
         list[str] | None,
         typer.Option(
-            "--column",
             metavar="OPTION=COLUMN",
             help="With --to: an option from a column of the table of sensors, acc_id=device_id.",
         ),
@@ -205,14 +214,11 @@ def export(
     axes: str = export_command.AXES,
     lossless: bool = export_command.LOSSLESS,
     out: _Out = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
+    force: Force = False,
 ) -> None:
     """Write the results as one table, the calibration file of one sensor, or files for a target."""
-    from inercal.basics.errors import InputError
     from inercal.calibration.files import save
     from inercal.calibration.outdated import OUTDATED
-    from inercal.cli.console import progress_status
-    from inercal.cli.outputs import CALIBRATION, OutputKind, check_outputs
     from inercal.fleet import results
     from inercal.fleet.export import COLUMNS, export_files, export_table, sensor_calibration
     from inercal.fleet.line import read_line
@@ -223,8 +229,8 @@ def export(
             raise InputError(
                 "--sensor and --to exclude each other: --to writes all sensors", key="--sensor"
             )
-        options = export_command.stated_options(stated)
-        columns = export_command.stated_options(column or [], "--column")
+        options = assignments(stated, "--set", export_command.OPTION_FORM)
+        columns = assignments(column or (), "--column", "OPTION=COLUMN")
         with progress_status(f"writing files for {to}"):
             made = export_files(
                 read_line(line),
@@ -238,7 +244,7 @@ def export(
                 lossless=lossless,
             )
         for name in made.unreliable:
-            print(f"inercal: warning: {name} is not to be relied on", file=sys.stderr)
+            report_line(f"warning: {name} is not to be relied on")
         _warn_of_outdated(made.outdated)
         print(f"wrote {path}: {len(made.files)} files")
         for name, reason in made.without.items():
@@ -271,7 +277,7 @@ def _warn_of_outdated(reasons: Mapping[str, str]) -> None:
     from inercal.fleet.latest import outdated_lines
 
     for text in outdated_lines(reasons):
-        print(f"inercal: warning: {text}; calibrate the line again", file=sys.stderr)
+        report_line(f"warning: {text}; calibrate the line again")
 
 
 def _calibrate(
@@ -284,7 +290,6 @@ def _calibrate(
     timeout: float | None,
 ) -> "Counts":
     from inercal.basics.parallel import open_tolerant_executor
-    from inercal.cli.console import progress_status
     from inercal.fleet.calibration import calibrate_line
 
     if workers is None and scheduler is None and len(line.rows) < _SERIAL:
@@ -293,8 +298,15 @@ def _calibrate(
         progress_status(f"{len(line.rows)} sensors") as update,
         open_tolerant_executor(workers, scheduler) as executor,
     ):
+
+        def show(counts: "Counts") -> None:
+            without = counts.failed + counts.lost
+            failed = f", {without} without a result" * bool(without)
+            update(f"{counts.settled} of {counts.sensors} sensors{failed}")
+
         warn_of_root(scheduler)
-        _name_dashboard(executor)
+        if executor.dashboard and find_spec("bokeh"):
+            print(f"the cluster's page is {executor.dashboard}", file=sys.stderr)
         return calibrate_line(
             line,
             executor,
@@ -302,51 +314,14 @@ def _calibrate(
             batch=batch,
             retry_failed=retry_failed,
             timeout=timeout,
-            progress=lambda counts: update(_progress_text(counts)),
+            progress=show,
         )
-
-
-def _name_dashboard(executor: "TolerantExecutor") -> None:
-    import sys
-    from importlib.util import find_spec
-
-    if executor.dashboard and find_spec("bokeh"):
-        print(f"the cluster's page is {executor.dashboard}", file=sys.stderr)
-
-
-def _progress_text(counts: "Counts") -> str:
-    failed = f", {counts.failed + counts.lost} without a result" * bool(counts.failed + counts.lost)
-    return f"{counts.settled} of {counts.sensors} sensors{failed}"
-
-
-def _print_counts(counts: "Counts", content: dict[str, Any]) -> None:
-    print(f"{counts.sensors} sensors: {counts.done} calibrated, {counts.kept} kept as they were")
-    if without := counts.failed + counts.lost + counts.kept_failed:
-        print(f"{without} have no result; inercal fleet status says why")
-    if "entered" in content:
-        print(f"{content['entered']} calibrations are in {content['register']}")
-    print(f"wrote {content['results']}")
-
-
-def _enter(line: "Line", folder: Path, address: str) -> tuple[str, int]:
-    from inercal.cli.console import progress_status
-    from inercal.fleet.registration import enter_results
-    from inercal.laboratory.store import Register
-
-    with Register(address) as register, progress_status("entering calibrations") as update:
-        number = enter_results(line, folder, register, lambda k: update(f"{k} are in the register"))
-        return register.address, number
-
-
-def _say(text: str) -> None:
-    print(f"inercal: {text}", file=sys.stderr, flush=True)
 
 
 def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: float | None) -> None:
     """Print a line for each recording that arrives; the status is 3 where one did not pass."""
     import time
 
-    from inercal.basics.errors import InputError
     from inercal.basics.parallel import open_tolerant_executor
     from inercal.fleet.station import (
         StationResult,
@@ -366,11 +341,15 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
     line.run(line.rows[0])  # a wrong template is refused before any recording
     suffixes = {Path(row.recording).suffix for row in line.rows}
     print(f"watching {folder}: {len(line.rows)} sensors", flush=True)
+
+    def say(text: str) -> None:
+        report_line(text)
+
     limit = TimeLimit(timeout)
     failed = done = 0
     try:
         with open_tolerant_executor(1) as executor:
-            for path in arriving_files(folder, poll, known_files(line, out), suffixes, _say):
+            for path in arriving_files(folder, poll, known_files(line, out), suffixes, say):
                 try:
                     result = calibrate_arrival(line, path, out, executor, limit)
                 except InputError as error:  # a disk is full, or away

@@ -5,9 +5,9 @@ from pathlib import Path
 import typer
 
 from inercal.cli.console import print_json
-from inercal.cli.export_command import stated_options
-
-NAME = "import"
+from inercal.cli.export_command import OPTION_FORM
+from inercal.cli.options import Force, Json, assignments
+from inercal.cli.outputs import CALIBRATION, check_outputs
 
 
 def run(
@@ -19,18 +19,17 @@ def run(
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="The calibration file to write."),
     like: Path | None = typer.Option(
-        None, "--like", help="A calibration of the same sensor, for its axes and readouts."
+        None, help="A calibration of the same sensor, for its axes and readouts."
     ),
     stated: list[str] = typer.Option(
         [], "--set", metavar="OPTION=VALUE", help="An option of the format: --set part=gyro."
     ),
-    name: str | None = typer.Option(None, "--name", help="Name of the sensor."),
-    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    name: str | None = typer.Option(None, help="Name of the sensor."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Read a calibration of another program, which has no uncertainties, for `inercal compare`."""
     from inercal.calibration.files import calibration_object, load, save
-    from inercal.cli.outputs import CALIBRATION, check_outputs
     from inercal.export.readers import import_calibration
 
     path = out or Path(f"{file.name.partition('.')[0]}.calibration.json")
@@ -40,7 +39,7 @@ def run(
         file,
         of,
         like=None if like is None else load(like),
-        options=stated_options(stated),
+        options=assignments(stated, "--set", OPTION_FORM),
         name=name or "",
     )
     save(calibration, path)

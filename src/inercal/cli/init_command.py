@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.console import print_json, print_written_files, progress_status
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InputError, MissingExtra
+from inercal.cli.console import print_json, print_written_files, progress_status, report_line
+from inercal.cli.options import Force, Json, assignments
+from inercal.cli.outputs import PAGE, RUN_FILE, check_outputs
 
 if TYPE_CHECKING:
     from inercal.pipeline.drafts import Draft, DraftKey
-
-NAME = "init"
 
 
 def run(
@@ -30,16 +32,13 @@ def run(
     ),
     yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing: decide, and say so."),
     report: bool = typer.Option(False, "--report", help="Write a page with signals and sections."),
-    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Draft a run file: columns, units, rate, sections and the methods that the data support.
 
     Each line of it gives its reason. In a terminal it asks for what the data do not show.
     """
-    from inercal.basics.atomic_files import write_text
-    from inercal.cli.outputs import PAGE, RUN_FILE, check_outputs
-
     path = out or Path(f"{logs[0].stem}.toml")
     files = {"run_file": path}
     page = path.with_suffix(".draft.html")
@@ -53,7 +52,6 @@ def run(
     write_text(path, draft.text)
     missing = None
     if report:
-        from inercal.basics.errors import MissingExtra
         from inercal.report import write_draft
 
         try:
@@ -61,57 +59,43 @@ def run(
         except MissingExtra as error:
             missing = error
     if json:
-        print_json(_as_object(draft) | {what: str(name) for what, name in files.items()})
+        content = {
+            "keys": [
+                {"section": one.section, "key": one.key, "value": one.value, "reason": one.reason}
+                for one in draft.entries
+            ],
+            "questions": [one.name for one in draft.questions],
+            "methods": [
+                {"name": one.name, "keys": one.keys, "works": one.outcome is not None,
+                 "text": one.text}
+                for one in draft.trials
+            ],
+            "facts": list(draft.facts),
+        }  # fmt: skip
+        print_json(content | {what: str(name) for what, name in files.items()})
         return
     for fact in draft.facts:
         print(fact)
     for trial in draft.trials:
         print(f"· {trial.text}")
-    print_written_files(files)
+    print_written_files(files.values())
     for question in draft.questions:
         print(f"please tell {question.name}: {question.ask}")
-        print(
-            f'  inercal init {" ".join(map(str, logs))} --set "{question.section}.{question.key}=…"'
-        )
+        print(f'  inercal init {" ".join(map(str, logs))} --set "{_key(question)}=…"')
     if not draft.questions:
         print(f"next: inercal calibrate {path}")
     if missing is not None:
-        print(f"inercal: no page: {missing}", file=sys.stderr)
+        report_line(f"no page: {missing}")
 
 
 def stated_keys(texts: Sequence[str]) -> dict[str, str]:
-    """Return the values of `--set`, by key.
-
-    Raises
-    ------
-    InputError
-        A text that is no key with its value, or a key that is stated twice.
-    """
-    from inercal.basics.errors import InputError
-
-    known: dict[str, str] = {}
-    for text in texts:
-        key, value = _key_and_value(text)
-        if key in known:
-            raise InputError(f"--set {key} is stated twice: state it once", key="--set")
-        known[key] = value
-    return known
-
-
-def _key_and_value(text: str) -> tuple[str, str]:
-    from inercal.basics.errors import InputError
-
-    key, separator, value = text.partition("=")
-    if not separator or not value.strip() or "." not in key:
-        raise InputError(
-            f'--set {text!r}: write a key with its section, as "data.rate=100 Hz"', key="--set"
-        )
-    return key.strip(), value.strip()
+    """Return the values of `--set`, by key."""
+    form = 'a key with its section, as "data.rate=100 Hz"'
+    return assignments(texts, "--set", form, sectioned=True)
 
 
 def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: bool) -> "Draft":
     """Draft the run file; in a terminal, ask for accelerometers that are not recognised."""
-    from inercal.basics.errors import InputError
     from inercal.pipeline.drafts import UnknownAccelerometers, draft_run_file
 
     key = "data.accelerometer"
@@ -126,14 +110,12 @@ def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: boo
         except InputError as error:
             if not asks or error.key != key:
                 raise
-            print(f"inercal: {error}", file=sys.stderr)
+            report_line(str(error))
         known[key] = _three_columns(logs[0])
 
 
 def _three_columns(log: Path) -> str:
     """Ask for three columns until three are given; an empty answer ends."""
-    from inercal.basics.errors import InputError
-
     while True:
         answer = input("Which three are the accelerometers x, y, z (with commas)? ").strip()
         if not answer:
@@ -144,39 +126,22 @@ def _three_columns(log: Path) -> str:
 
 def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft":
     """Ask for what only the user knows, and draft again with the answers."""
-    from inercal.basics.errors import InputError
     from inercal.pipeline.drafts import draft_run_file
 
-    while questions := _unasked(draft, known):
+    # An empty answer leaves a key open.
+    while questions := [one for one in draft.questions if _key(one) not in known]:
         for question in questions:
-            key = f"{question.section}.{question.key}"
-            known[key] = input(f"{question.name}: {question.ask}? ").strip()
+            known[_key(question)] = input(f"{question.name}: {question.ask}? ").strip()
         answered = {key: value for key, value in known.items() if value}
         try:
             with progress_status("trying the methods"):
                 draft = draft_run_file(logs, draft.path, answered)
         except InputError as error:
-            print(f"inercal: {error}", file=sys.stderr)
+            report_line(str(error))
             for question in questions:
-                known.pop(f"{question.section}.{question.key}")
+                known.pop(_key(question))
     return draft
 
 
-def _unasked(draft: "Draft", known: dict[str, str]) -> "list[DraftKey]":
-    """Return the questions that are still open; an empty answer leaves a key open."""
-    return [one for one in draft.questions if f"{one.section}.{one.key}" not in known]
-
-
-def _as_object(draft: "Draft") -> dict[str, object]:
-    return {
-        "keys": [
-            {"section": one.section, "key": one.key, "value": one.value, "reason": one.reason}
-            for one in draft.entries
-        ],
-        "questions": [one.name for one in draft.questions],
-        "methods": [
-            {"name": one.name, "keys": one.keys, "works": one.outcome is not None, "text": one.text}
-            for one in draft.trials
-        ],
-        "facts": list(draft.facts),
-    }
+def _key(question: "DraftKey") -> str:
+    return f"{question.section}.{question.key}"

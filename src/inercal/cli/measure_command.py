@@ -2,20 +2,24 @@
 
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
+from inercal.basics.atomic_files import keep_previous
+from inercal.basics.errors import InputError
+from inercal.basics.visible_text import visible_text
+from inercal.cli.console import print_json
+from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from inercal.host.guided.measurement_table import MeasurementTable
     from inercal.runfile import Run
 
-NAME = "measure"
 _OPEN = 130  # the exit status: interrupted, and resumable
 
 
@@ -60,17 +64,28 @@ def run(
     """
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
-    from inercal.basics.atomic_files import keep_previous
-    from inercal.cli.console import print_json
     from inercal.host.guided.dialogue import GuidedMeasurement
     from inercal.host.guided.instruments import Instrument
     from inercal.host.guided.measurement_table import MeasurementTable, measurement_files
     from inercal.host.guided.reading_check import ReadingCheck
 
-    say = _printer(to_errors=json)
+    def say(text: str, end: str = "\n") -> None:
+        print(visible_text(text), end=end, file=sys.stderr if json else sys.stdout, flush=True)
+
+    def read_line(prompt: str) -> str | None:
+        if sys.stdin.isatty():
+            say(prompt, end="")
+        try:
+            return sys.stdin.readline() or None
+        except UnicodeDecodeError:
+            raise InputError("standard input is no text; give readings as text") from None
+
     with ExitStack() as opened:
         files = measurement_files(path)
-        _check_files(planned, files)
+        own = planned.file(planned.data.file)
+        inputs = [path for path in planned.input_files() if path != own]
+        # What a table holds is not lost: the measurement continues in it.
+        check_outputs(dict.fromkeys(files, WORKSHEET), inputs, force=True)
         check = ReadingCheck(planned, tolerance / 100)
         table = MeasurementTable(planned, path, readings, anew=force)
         devices = [
@@ -84,7 +99,7 @@ def run(
         units = {name: axis.readout.unit for name, axis in check.axes.items()}
         dialogue = GuidedMeasurement(
             table, check, devices, readings, table.sheet.entry_units | units,
-            _line_reader(to_errors=json), say, interactive=sys.stdin.isatty(),
+            read_line, say, interactive=sys.stdin.isatty(),
         )  # fmt: skip
         try:
             complete = dialogue.run()
@@ -92,7 +107,12 @@ def run(
             print(file=sys.stderr)
             print(_how_to_continue(table), file=sys.stderr)
             raise
-    after = _next_command(planned, path) if complete else _how_to_continue(table)
+    after = _how_to_continue(table)
+    if complete:
+        command = f"inercal calibrate {planned.path}"
+        after = f"next: {command}"
+        if own.resolve() != path.resolve():
+            after = f'next: state [data] file = "{path.name}" in {planned.path}, then {command}'
     if json:
         content = {"table": str(path), "measured": table.measured, "rows": len(table.rows)}
         print_json(content | {"complete": complete, "next": after})
@@ -111,7 +131,6 @@ def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tupl
     InputError
         No run file, or one of a recording; a table that is no .csv.
     """
-    from inercal.basics.errors import InputError
     from inercal.physics.section_settings import key_error
     from inercal.runfile import read
 
@@ -137,15 +156,12 @@ def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tupl
                 run.path,
             )
     path = plan if is_table else out or run.file(run.data.file)
-    if path.suffix.lower() != ".csv":
-        key = "--out" if out is not None else "[data] file"
-        raise InputError(f"{key} {path}: give the name of a .csv file", key=key)
+    require_suffix(path, ".csv", key="[data] file" if out is None else "--out")
     return run, path
 
 
 def _run_file_of(table: Path) -> Path:
     """Return the one run file in the folder of a table whose [data] names it."""
-    from inercal.basics.errors import InputError
     from inercal.basics.small_files import read_toml
 
     found: list[Path] = []
@@ -164,16 +180,6 @@ def _run_file_of(table: Path) -> Path:
     return found[0]
 
 
-def _check_files(run: "Run", files: Sequence[Path]) -> None:
-    """Refuse files that cannot be written, or that are inputs of the run besides its table."""
-    from inercal.cli.outputs import WORKSHEET, check_outputs
-
-    table = run.file(run.data.file)
-    inputs = [path for path in run.input_files() if path != table]
-    # What a table holds is not lost: the measurement continues in it.
-    check_outputs(dict.fromkeys(files, WORKSHEET), inputs, force=True)
-
-
 def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
     say(table.sheet.title)
     for note in table.sheet.notes:
@@ -187,44 +193,6 @@ def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
         say(f"· {table.measured} of {len(table.rows)} rows are measured{left}")
 
 
-def _line_reader(*, to_errors: bool) -> Callable[[str], str | None]:
-    """Return the function that reads a line; it prompts a terminal alone."""
-
-    def read_line(prompt: str) -> str | None:
-        from inercal.basics.errors import InputError
-
-        if sys.stdin.isatty():
-            print(
-                _visible(prompt), end="", flush=True, file=sys.stderr if to_errors else sys.stdout
-            )
-        try:
-            return sys.stdin.readline() or None
-        except UnicodeDecodeError:
-            raise InputError("standard input is no text; give readings as text") from None
-
-    return read_line
-
-
-def _printer(*, to_errors: bool) -> Callable[[str], None]:
-    def say(text: str) -> None:
-        print(_visible(text), file=sys.stderr if to_errors else sys.stdout, flush=True)
-
-    return say
-
-
-def _visible(text: str) -> str:
-    from inercal.basics.visible_text import visible_text
-
-    return visible_text(text)
-
-
 def _how_to_continue(table: "MeasurementTable") -> str:
     command = shlex.join(["inercal", *(word for word in sys.argv[1:] if word != "--force")])
     return f"{table.measured} of {len(table.rows)} rows are measured; to go on: {command}"
-
-
-def _next_command(run: "Run", path: Path) -> str:
-    command = f"inercal calibrate {run.path}"
-    if run.file(run.data.file).resolve() == path.resolve():
-        return f"next: {command}"
-    return f'next: state [data] file = "{path.name}" in {run.path}, then {command}'

@@ -1,4 +1,4 @@
-"""Confirmations of the mountings of a run when standard input is no terminal.
+"""Confirmations of the mountings of a run: by lines, by a file of answers, or beside its keys.
 
 A line `mounted NAME` or `mounted NAME OPERATOR` confirms that the sensor is mounted as requested.
 A line of standard input counts only if it comes after the request; one of an answer file confirms
@@ -14,15 +14,19 @@ from select import select
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, NamedTuple
 
+from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
+from inercal.cli.console import report_line
 
 if TYPE_CHECKING:
     from inercal.host.bench_run import BenchRun
-    from inercal.host.mounting_prompt import MountingRequest
+    from inercal.host.spin_sequencer import MountingRequest
 
 _POLL_INTERVAL = 0.05  # s
 _CHUNK = 4096  # bytes
 WORD = "mounted"
+_ENTER, _ERASE, _MAX_LINE = "\r\n", "\b\x7f", 120
+_ESCAPE, _BEGINNING = "\x1b", f"{WORD} "
 
 
 class Answer(NamedTuple):
@@ -45,7 +49,6 @@ def read_answers(path: Path) -> list[Answer]:
     InputError
         The file cannot be read, or has a line that is no confirmation.
     """
-    from inercal.basics.errors import InputError
     from inercal.basics.small_files import read_small_file
 
     text = read_small_file(path, "answer file").decode("utf-8-sig", "replace")
@@ -181,6 +184,60 @@ def mismatch_text(line: str, request: "MountingRequest") -> str:
     )
 
 
-def report_line(words: str) -> None:
-    """Print a line for the operator of the run."""
-    print(f"inercal: {words}", file=sys.stderr, flush=True)
+class TypedConfirmation:
+    """Takes the characters of a line `mounted NAME` or `mounted NAME OPERATOR`.
+
+    It counts for the request that was published when its first character came.
+
+    Attributes
+    ----------
+    text : str
+        As typed so far.
+    """
+
+    def __init__(self):
+        self.text = ""
+        self._request: MountingRequest | None = None
+
+    def take(self, character: str, run: "BenchRun", operator: str) -> bool:
+        """Take a character; False where it is none of a line, as that of another key.
+
+        Parameters
+        ----------
+        character : str
+        run : BenchRun
+        operator : str
+            Who confirms where the line names nobody.
+        """
+        begun = self.text + character
+        if character not in _ENTER + _ERASE and not (
+            begun.startswith(_BEGINNING) or _BEGINNING.startswith(begun)
+        ):
+            self.text = ""  # no such line: its characters, as of a key hit twice, keep no key back
+        if not self.text:
+            if character != _BEGINNING[0]:
+                return False
+            self._request = run.mounting_request
+        if character in _ENTER:
+            line, self.text = self.text, ""
+            self._confirm(line, run, operator)
+        elif character == _ESCAPE:
+            self.text = ""
+        elif character in _ERASE:
+            self.text = self.text[:-1]
+        elif character.isprintable() and len(self.text) < _MAX_LINE:
+            self.text += character
+        return True
+
+    def _confirm(self, line: str, run: "BenchRun", operator: str) -> None:
+        request = self._request
+        if request is None or run.mounting_request != request:
+            report_line(
+                f"{line!r} was begun before the mounting was requested, and confirms nothing"
+            )
+            return
+        answer = parse_answer(line)
+        if answer is None or answer.mounting != request.mounting:
+            report_line(mismatch_text(line, request))
+            return
+        run.confirm_mounting(request.number, answer.mounting, answer.operator or operator)

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.console import print_json, print_written_files, progress_status
+from inercal.basics.errors import InputError
+from inercal.cli.console import open_register, print_json, print_written_files, progress_status
+from inercal.cli.init_command import stated_keys
 from inercal.cli.noise_outputs import NoiseFiles
+from inercal.cli.options import Force, Json
+from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
-    from inercal.noise import NoiseAnalysis
     from inercal.noise.data_sheet import DataSheetNoise
-    from inercal.pipeline.drafts.long_rest_recording import LongRestRecording
     from inercal.recordings import Recording
-
-NAME = "noise"
 
 
 def run(
@@ -25,7 +25,6 @@ def run(
     ),
     datasheet: Path | None = typer.Option(
         None,
-        "--datasheet",
         metavar="FILE",
         help="A file (.toml) with the noise that a data sheet states: alone to import it, with a "
         "recording to compare both.",
@@ -38,10 +37,10 @@ def run(
         '--set "data.rate=100 Hz".',
     ),
     terms: str | None = typer.Option(
-        None, "--terms", help="Terms to fit, as NBK, instead of those that the data support."
+        None, help="Terms to fit, as NBK, instead of those that the data support."
     ),
     method: str = typer.Option(
-        "likelihood", "--method", help="Estimate to report: likelihood, gmwm or wls_log."
+        "likelihood", help="Estimate to report: likelihood, gmwm or wls_log."
     ),
     spacing: str = typer.Option("octave", "--taus", help="Averaging times: octave, decade or all."),
     skip_disturbed: bool = typer.Option(
@@ -49,7 +48,6 @@ def run(
     ),
     skip_band: list[str] = typer.Option(
         [],
-        "--skip-band",
         metavar="LOW-HIGH",
         help="Leave a band of frequencies in Hz out of the fit, such as a vibration: 3.5-5.5.",
     ),
@@ -62,41 +60,43 @@ def run(
     ),
     to: list[str] = typer.Option(
         [],
-        "--to",
         metavar="kalibr|ros|filter",
         help="Write the noise for another program, or as a filter's Q.",
     ),
     horizon: float = typer.Option(
         100.0,
-        "--horizon",
         help="Time in s at which a random walk equals a bias instability, for a program that "
         "knows only random walks.",
     ),
     register: str | None = typer.Option(
         None,
-        "--register",
         help="Enter the analysis in this register: a path, sqlite:///PATH or "
         "postgresql://USER@HOST/DATABASE; default is what $INERCAL_REGISTER says.",
     ),
     sensor: str | None = typer.Option(
-        None, "--sensor", help="Name of the sensor in the register; of a run file, its own."
+        None, help="Name of the sensor in the register; of a run file, its own."
     ),
     measured: str | None = typer.Option(
-        None, "--measured", help="Date of the recording, such as 2026-03-01; else now."
+        None, help="Date of the recording, such as 2026-03-01; else now."
     ),
     by: str | None = typer.Option(
-        None, "--by", help="Name of the person who enters it; by default the user's name."
+        None, help="Name of the person who enters it; by default the user's name."
     ),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder of the files to write."),
-    force: bool = typer.Option(False, "--force", help="Write over existing files."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Find noise, bias instability and random walk of a sensor at rest, and its disturbances."""
-    from inercal.cli.noise_view import print_analysis
-    from inercal.cli.outputs import PAGE, check_outputs
+    from inercal.cli.noise_view import print_analysis, print_comparison_with_sheet, sheet_object
 
     _check_choices(method, spacing, to, horizon)
-    section = _only_run_file(run_files)
+    if len(run_files) > 1:
+        raise InputError(
+            f"--write is given {len(run_files)} times ({', '.join(map(str, run_files))}): give one "
+            "run file, and repeat the command for another",
+            key="--write",
+        )
+    section = run_files[0] if run_files else None
     bands = [_band(one) for one in skip_band]
     if recording is None:
         of_recording = {
@@ -120,7 +120,12 @@ def run(
         from inercal.report import require_report_packages
 
         require_report_packages()
-    if recording.suffix.lower() != ".toml" and (long := _open_long(recording, stated)) is not None:
+    known, long = stated_keys(stated), None
+    if recording.suffix.lower() != ".toml":
+        from inercal.pipeline.drafts.long_rest_recording import open_long_rest_recording
+
+        long = open_long_rest_recording(recording, known)
+    if long is not None:
         _require_possible_in_blocks(recording, method, spacing, skip_disturbed=skip_disturbed)
         with progress_status(f"reading {recording} in blocks"):
             stream = long.stream()
@@ -133,7 +138,7 @@ def run(
             analysis = replace(analysis, movement=moved)
     else:
         with progress_status(f"reading {recording}"):
-            readings = _read(recording, stated)
+            readings = _read(recording, known)
             _require_rest(readings, section, to, register)
         with progress_status(f"analysing {recording}"):
             from inercal.noise import analyse_noise
@@ -158,46 +163,32 @@ def run(
         from inercal.report import write_noise
 
         files[kind] = write_noise(analysis, readings, path, sheet)
-    entered = None if register is None else _enter(analysis, register, name, measured, by)
+    entered: dict[str, str | int] = {}
+    if register is not None:
+        with open_register(register, by) as opened:
+            number = opened.enter_noise(analysis, name, measured)
+            entered = {"register": opened.address, "sensor": name, "number": number}
     if json:
         from inercal.noise.analysis_object import analysis_object
 
         content = analysis_object(analysis) | {key: str(path) for key, path in files.items()}
         if sheet is not None:
-            from inercal.cli.data_sheet_view import sheet_object
-
             content["data_sheet"] = sheet_object(sheet, compared)
-        print_json(content if entered is None else content | {"entered": entered})
+        print_json(content | ({"entered": entered} if entered else {}))
         return
     print_analysis(analysis)
     if sheet is not None:
-        from inercal.cli.data_sheet_view import print_comparison_with_sheet
-
         print_comparison_with_sheet(compared, sheet)
-    print_written_files(files)
-    if entered is not None:
+    print_written_files(files.values())
+    if entered:
         print(f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}")
-
-
-def _only_run_file(paths: Sequence[Path]) -> Path | None:
-    """Return the run file of --write; refuse two."""
-    from inercal.basics.errors import InputError
-
-    if len(paths) > 1:
-        raise InputError(
-            f"--write is given {len(paths)} times ({', '.join(map(str, paths))}): give one run "
-            "file, and repeat the command for another",
-            key="--write",
-        )
-    return next(iter(paths), None)
 
 
 def _require_rest(
     readings: "Recording", section: Path | None, to: Sequence[str], register: str | None
 ) -> str:
     """Return how the sensor moved, empty at rest; refuse to store the noise of one that moved."""
-    from inercal.basics.errors import InputError
-    from inercal.noise.movement import movement
+    from inercal.noise.recording_checks import movement
     from inercal.noise.texts import movement_text
 
     moved = movement(readings)
@@ -213,10 +204,9 @@ def _require_rest(
 
 def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float) -> None:
     """Refuse an unknown method, spacing or program, before the work."""
-    from inercal.basics.errors import InputError
     from inercal.noise.coefficients import METHODS
     from inercal.noise.deviations import SPACINGS
-    from inercal.noise.writers import WRITERS
+    from inercal.noise.noise_files import WRITERS
 
     for option, value, possible in (
         ("--method", method, METHODS),
@@ -233,8 +223,6 @@ def _sensor_name(
     recording: Path, sensor: str | None, measured: str | None, by: str | None, register: str | None
 ) -> str:
     """Return the sensor's name in the register, before the work; empty without a register."""
-    from inercal.basics.errors import InputError
-
     if register is None:
         for option, value in (("--sensor", sensor), ("--measured", measured), ("--by", by)):
             if value is not None:
@@ -262,21 +250,8 @@ def _sensor_name(
     return str(sensor)
 
 
-def _enter(
-    analysis: "NoiseAnalysis", register: str, sensor: str, measured: str | None, by: str | None
-) -> dict[str, str | int]:
-    """Enter the analysis; return the register, the sensor and the analysis's number."""
-    from inercal.laboratory.store import Register
-
-    with Register(register, by) as opened:
-        number = opened.enter_noise(analysis, sensor, measured)
-        return {"register": opened.address, "sensor": sensor, "number": number}
-
-
 def _band(text: str) -> tuple[float, float]:
     """Return lowest and highest frequency of "LOW-HIGH", Hz."""
-    from inercal.basics.errors import InputError
-
     try:
         low, high = (float(one) for one in text.replace("–", "-").split("-"))
     except ValueError:
@@ -290,20 +265,10 @@ def _band(text: str) -> tuple[float, float]:
     return low, high
 
 
-def _open_long(path: Path, stated: Sequence[str]) -> "LongRestRecording | None":
-    """Return a log that is too long for the memory; None of a short one."""
-    from inercal.cli.init_command import stated_keys
-    from inercal.pipeline.drafts.long_rest_recording import open_long_rest_recording
-
-    return open_long_rest_recording(path, stated_keys(stated))
-
-
 def _require_possible_in_blocks(
     path: Path, method: str, spacing: str, *, skip_disturbed: bool
 ) -> None:
     """Refuse what needs all samples in the memory."""
-    from inercal.basics.errors import InputError
-
     for option, asked in (
         ("--skip-disturbed", skip_disturbed),
         (f"--taus {spacing}", spacing != "octave"),
@@ -318,13 +283,10 @@ def _require_possible_in_blocks(
             )
 
 
-def _read(path: Path, stated: Sequence[str]) -> "Recording":
+def _read(path: Path, known: dict[str, str]) -> "Recording":
     """Return the readings of a run file's recording, or of a log, in SI."""
-    from inercal.basics.errors import InputError
-    from inercal.cli.init_command import stated_keys
     from inercal.pipeline.drafts.rest_recording import in_si, read_rest_recording
 
-    known = stated_keys(stated)
     if path.suffix.lower() != ".toml":
         return read_rest_recording(path, known)
     if known:
@@ -368,8 +330,6 @@ def _import_data_sheet(
     path: Path | None, of_recording: Mapping[str, object], targets: NoiseFiles, *, json: bool
 ) -> None:
     """Print the noise of a data sheet and write its files."""
-    from inercal.basics.errors import InputError
-
     if path is None:
         raise InputError(
             "give a recording at rest or its run file, or --datasheet FILE to import the noise of "
@@ -383,13 +343,13 @@ def _import_data_sheet(
                 "leave the option out",
                 key=option,
             )
+    from inercal.cli.noise_view import print_sheet, sheet_object
+
     sheet = _read_data_sheet(path)
     targets.check(path.stem, [path])
     files = targets.write(path.stem, sheet.sensor_noise)
-    from inercal.cli.data_sheet_view import print_sheet, sheet_object
-
     if json:
         print_json({"data_sheet": sheet_object(sheet)} | {k: str(one) for k, one in files.items()})
         return
     print_sheet(sheet)
-    print_written_files(files)
+    print_written_files(files.values())

@@ -5,6 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from inercal.basics.atomic_files import keep_previous, write_text
+from inercal.basics.errors import InputError
+from inercal.cli.outputs import RUN_FILE, OutputKind, check_outputs
+
 if TYPE_CHECKING:
     from inercal.noise.sensor_noise import SensorNoise
 
@@ -50,8 +54,6 @@ class NoiseFiles:
         inputs : sequence of Path
             Files that are read: with --force the run file among them may take the noise.
         """
-        from inercal.cli.outputs import RUN_FILE, OutputKind, check_outputs
-
         kind = OutputKind("noise file", b"# inercal noise")
         check_outputs(
             dict.fromkeys(self._texts(stem).values(), kind), inputs, force=self.force or None
@@ -64,8 +66,7 @@ class NoiseFiles:
 
     def write(self, stem: str, noise: "SensorNoise") -> dict[str, Path | str]:
         """Write the files; return their paths."""
-        from inercal.basics.atomic_files import keep_previous, write_text
-        from inercal.noise.writers import WRITERS
+        from inercal.noise.noise_files import WRITERS
 
         texts = self._texts(stem)
         # All texts before the first is written: what refuses one leaves no other.
@@ -82,7 +83,6 @@ class NoiseFiles:
 
 def _merged_run_file(noise: "SensorNoise", path: Path) -> str:
     """Return the text of a run file with the noise in its sections."""
-    from inercal.basics.errors import InputError
     from inercal.basics.small_files import parse_toml
     from inercal.noise.noise_files import NOISE_KEYS, merge_sections, run_file_sections
 

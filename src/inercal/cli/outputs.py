@@ -87,6 +87,27 @@ def check_outputs(
             raise InputError(f"{path} and {other} are one file: name another", file=path)
 
 
+def require_suffix(path: Path, suffix: str, more: str = "", key: str = "--out") -> None:
+    """Refuse the name of a file of another kind.
+
+    Parameters
+    ----------
+    path : Path
+    suffix : str
+        ".csv".
+    more : str
+        What else to say of the file.
+    key : str
+        The option, or the key of the run file, that names the file.
+
+    Raises
+    ------
+    InputError
+    """
+    if path.suffix.lower() != suffix:
+        raise InputError(f"{key} {path}: give the name of a {suffix} file{more}", key=key)
+
+
 def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
     """Refuse to replace the calibration of another run file or of another sensor.
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
+from inercal.basics.errors import InputError
+from inercal.cli.options import Force, Json, Scheduler, Workers, warn_of_root
 
-NAME = "plan"
 _POSITIONS, _SECONDS = 24, 3.0  # by hand
 _TRIALS = 60
 
@@ -45,16 +45,15 @@ def run(
     trials: int | None = typer.Option(
         None, min=1, help=f"Paths that --optimise judges (default {_TRIALS})."
     ),
-    force: bool = typer.Option(False, "--force", help="Write over an existing worksheet."),
-    workers: int | None = WORKERS,
-    scheduler: str | None = SCHEDULER,
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    force: Force = False,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    json: Json = False,
 ) -> None:
     """Print the steps of a plan, one by one, and the uncertainties to expect."""
-    from inercal.basics.errors import InputError
     from inercal.basics.parallel import open_executor
     from inercal.basics.small_files import is_file
-    from inercal.cli.plan_output import print_plan
+    from inercal.cli.plan_output import print_optimised_plan, print_plan
     from inercal.methods import method as named
 
     keys: dict[str, object] = {}
@@ -77,10 +76,14 @@ def run(
             f"a plan of {method} needs a run file: add --run FILE; only multi-position has its own",
             key="--run",
         )
-    keys |= _method_keys(positions, seconds)
+    for option, value in (("--positions", positions), ("--seconds", seconds)):
+        if value is not None and not 0 < value < inf:
+            raise InputError(f"{option} {value}: give a positive number", key=option)
+    if positions is not None:
+        keys["positions"] = positions
+    if seconds is not None:
+        keys["seconds"] = f"{seconds} s"
     if optimise is not None:
-        from inercal.cli.plan_optimisation import print_optimised_plan
-
         print_optimised_plan(
             run_file, keys, optimise, trials or _TRIALS, out, force=force, json=json
         )
@@ -90,24 +93,3 @@ def run(
     with open_executor(workers, scheduler) as executor:
         warn_of_root(scheduler)
         print_plan(run_file, keys, out, executor, force=force, json=json)
-
-
-def _method_keys(positions: int | None, seconds: float | None) -> dict[str, object]:
-    """Return the keys that replace those of [method].
-
-    Raises
-    ------
-    InputError
-        A number of positions or a length that is not positive.
-    """
-    from inercal.basics.errors import InputError
-
-    for option, value in (("--positions", positions), ("--seconds", seconds)):
-        if value is not None and not 0 < value < inf:
-            raise InputError(f"{option} {value}: give a positive number", key=option)
-    keys: dict[str, object] = {}
-    if positions is not None:
-        keys["positions"] = positions
-    if seconds is not None:
-        keys["seconds"] = f"{seconds} s"
-    return keys

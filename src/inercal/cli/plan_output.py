@@ -1,23 +1,30 @@
 """A plan, printed: its steps, the uncertainties to expect, and the table to fill."""
 
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InputError
 from inercal.cli.console import (
     print_json,
+    print_lines,
+    print_table,
     print_written_files,
     progress_status,
 )
+from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from inercal.basics.parallel import Executor
     from inercal.pipeline.design.expected_uncertainty import ExpectedUncertainty
     from inercal.runfile import Run
+
+
+_SEED = 0  # of the search for a path
 
 
 class _Plan(NamedTuple):
@@ -25,7 +32,9 @@ class _Plan(NamedTuple):
 
     steps: list[dict[str, Any]]
     seconds: float
-    table: "Table"
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]  # an empty one begins a section
     expected: Sequence[Sequence["ExpectedUncertainty"]]
     notes: Sequence[str]
     more: Mapping[str, Any]  # further keys of the JSON object
@@ -50,7 +59,6 @@ def print_plan(
     NotObserved
         Coefficients that the plan leaves open.
     """
-    from inercal.basics.errors import InputError
     from inercal.runfile import read
 
     run = read(run_file, keys)
@@ -74,17 +82,43 @@ def print_plan(
         print(_next_step(run, files["sheet"]))
 
 
-def print_path_plan(
-    run: "Run",
-    notes: Sequence[str],
-    more: Mapping[str, Any],
-    files: Mapping[str, Path],
+def print_optimised_plan(
+    run_file: Path,
+    keys: Mapping[str, object],
+    duration: str,
+    trials: int,
+    out: Path | None,
     *,
+    force: bool,
     json: bool,
 ) -> None:
-    """Print the plan of a run on a turntable, with further notes and keys of the JSON object."""
-    plan = _path_plan(run)
-    plan = plan._replace(notes=(*notes, *plan.notes), more={**plan.more, **more})
+    """Search for a path, print its plan, and write it."""
+    from inercal.basics.units import parse_quantity
+    from inercal.benches.turntable import require_turntable
+    from inercal.pipeline.design.path_search import path_table, search_path, with_path
+    from inercal.runfile import read
+
+    try:
+        seconds = parse_quantity(duration, "s").value
+    except InputError as error:
+        raise InputError(f"--optimise {duration}: {error}", key="--optimise") from None
+    run = read(run_file, keys)
+    if out is not None:
+        require_suffix(out, ".csv")
+        check_outputs({out: WORKSHEET}, run.input_files(), force=force)
+    with progress_status("searching for a path") as say:
+        found = search_path(run, seconds, trials, _SEED, lambda k: say(f"path {k} of {trials}"))
+    note = (
+        f"This is the best of {found.tried} paths of at most {duration}. In the geometric mean, "
+        f"uncertainties are {found.ratio:.2g} of those by the path of the run file."
+    )
+    files: dict[str, Path] = {}
+    if out is not None:
+        write_text(out, path_table(found.steps, require_turntable(run).names))
+        files["path"] = out
+    more = {"optimised": {"ratio": found.ratio, "tried": found.tried}}
+    plan = _path_plan(with_path(run, found.steps))
+    plan = plan._replace(notes=(note, *plan.notes), more={**plan.more, **more})
     _print_plan(run, plan, files, json=json)
 
 
@@ -100,7 +134,7 @@ def _print_plan(run: "Run", plan: _Plan, files: Mapping[str, Path], *, json: boo
         print_json(content | {kind: str(path) for kind, path in files.items()})
         return
     _print(run, plan)
-    print_written_files(files)
+    print_written_files(files.values())
 
 
 def _next_step(run: "Run", sheet: Path) -> str:
@@ -120,16 +154,14 @@ def _next_step(run: "Run", sheet: Path) -> str:
 
 
 def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
-
-    from inercal.cli.tables import make_table
     from inercal.pipeline.design import rehearse_plan
     from inercal.pipeline.design.expected_uncertainty import coefficient_uncertainties
 
     result = rehearse_plan(run, executor=executor)
-    title = f"{len(result.steps)} rests, {result.seconds:.0f} s in all"
-    table = make_table("rest", "attitude", "hold for", title=title)
-    for step in result.steps:
-        table.add_row(step.label, step.describe(), f"{step.seconds:g} s")
+    steps = [
+        {"label": step.label, "what": step.describe(), "seconds": step.seconds}
+        for step in result.steps
+    ]
     std = dict(zip(result.sensor.coefficients, result.std.tolist(), strict=True))
     notes = (
         "The named axis points up and reads +1 g.",
@@ -137,33 +169,23 @@ def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
         "Keep the order: the gyros are calibrated by the turns between the rests.",
         "Uncertainties are for the stated noise, without tremor or drift.",
     )
-    steps = [
-        {"label": step.label, "what": step.describe(), "seconds": step.seconds}
-        for step in result.steps
-    ]
-    expected = coefficient_uncertainties(result.sensor, std)
-    return _Plan(steps, result.seconds, table, (expected,), notes, {})
+    return _Plan(
+        steps,
+        result.seconds,
+        f"{len(result.steps)} rests, {result.seconds:.0f} s in all",
+        ("rest", "attitude", "hold for"),
+        [(step.label, step.describe(), f"{step.seconds:g} s") for step in result.steps],
+        (coefficient_uncertainties(result.sensor, std),),
+        notes,
+        {},
+    )
 
 
 def _path_plan(run: "Run") -> _Plan:
-
     from inercal.benches.turntable import require_turntable
-    from inercal.cli.tables import make_table, number_column
     from inercal.pipeline.design.turntable_path import turntable_path_sheet
 
     sheet = turntable_path_sheet(run)
-    table = make_table(
-        number_column("row"),
-        "label",
-        "motion of the table",
-        number_column("move"),
-        number_column("for"),
-        title=f"{len(sheet.rows)} steps, {sheet.seconds / 60:.3g} min in all",
-    )
-    for row in sheet.rows:
-        what = row.step.describe().replace("-", "−")
-        move = f"{row.move:.1f} s" if row.move else ""
-        table.add_row(str(row.number), row.step.label, what, move, f"{row.seconds:.1f} s")
     notes = [
         f"not determined by the path, in units of g and rad/s: {words}" for words in sheet.undecided
     ]
@@ -186,14 +208,24 @@ def _path_plan(run: "Run") -> _Plan:
         }
         for row in sheet.rows
     ]
-    more = {"undecided": list(sheet.undecided), "warnings": list(sheet.warnings)}
-    return _Plan(steps, sheet.seconds, table, (sheet.expected,), notes, more)
+    return _Plan(
+        steps,
+        sheet.seconds,
+        f"{len(sheet.rows)} steps, {sheet.seconds / 60:.3g} min in all",
+        (">row", "label", "motion of the table", ">move", ">for"),
+        [
+            (str(row.number), row.step.label, row.step.describe().replace("-", "−"),
+             f"{row.move:.1f} s" if row.move else "", f"{row.seconds:.1f} s")
+            for row in sheet.rows
+        ],
+        (sheet.expected,),
+        notes,
+        {"undecided": list(sheet.undecided), "warnings": list(sheet.warnings)},
+    )  # fmt: skip
 
 
 def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan, dict[str, Path]]:
     """Return the plan of a bench with a worksheet, and the files that were written."""
-    from inercal.basics.atomic_files import write_text
-    from inercal.cli.tables import make_table, number_column
     from inercal.pipeline.design.worksheet import build_worksheet, run_sheet, worksheet_csv
     from inercal.report import write_worksheet
 
@@ -206,27 +238,30 @@ def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan
     if "page" in files:
         write_worksheet(worksheet, files["page"], files["sheet"].name)
     sheet = worksheet.sheet
-    heads = (number_column(h.text) if h.align_right else h.text for h in sheet.headings)
-    table = make_table(*heads, title=sheet.title)
-    for k, row in enumerate(sheet.rows):
-        last = k + 1 == len(sheet.rows) or sheet.rows[k + 1].group != row.group
-        table.add_row(*row.cells, end_section=last)
+    rows = [
+        cells
+        for _, group in groupby(sheet.rows, lambda row: row.group)
+        for cells in (*(row.cells for row in group), ())
+    ]
     more: dict[str, Any] = {"notes": list(sheet.notes)}
     if sheet.sums:
         more["together"] = [_uncertainty_as_object(each) for each in worksheet.together]
-    steps = [{"label": row.label, **row.facts, "seconds": row.seconds} for row in sheet.rows]
-    expected = (worksheet.expected, worksheet.together)
-    return _Plan(steps, sheet.seconds, table, expected, sheet.notes, more), files
+    plan = _Plan(
+        [{"label": row.label, **row.facts, "seconds": row.seconds} for row in sheet.rows],
+        sheet.seconds,
+        sheet.title,
+        [f">{head.text}" if head.align_right else head.text for head in sheet.headings],
+        rows,
+        (worksheet.expected, worksheet.together),
+        sheet.notes,
+        more,
+    )
+    return plan, files
 
 
 def _output_files(out: Path, inputs: Sequence[Path], *, page: bool, force: bool) -> dict[str, Path]:
     """Return the files to write: "sheet", and "page" if the worksheet has a page."""
-    from inercal.basics.errors import InputError
-    from inercal.cli.outputs import WORKSHEET, check_outputs
-
-    if out.suffix.lower() != ".csv":
-        beside = "; the page is written next to it" * page
-        raise InputError(f"--out {out}: give the name of a .csv file{beside}", key="--out")
+    require_suffix(out, ".csv", "; the page is written next to it" * page)
     files = {"sheet": out} | ({"page": out.with_suffix(".html")} if page else {})
     check_outputs(dict.fromkeys(files.values(), WORKSHEET), inputs, force=force)
     return files
@@ -241,22 +276,20 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 
 def _print(run: "Run", plan: _Plan) -> None:
-
     from inercal.basics.units import format_value_and_uncertainty
-    from inercal.cli.tables import make_table, number_column
-    from inercal.cli.terminal import terminal
     from inercal.estimation.uncertainty.coverage import COVERAGE
 
-    console = terminal()
-    console.print(plan.table)
-    title = f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}"
-    table = make_table("coefficient", "meaning", number_column("U (k = 2)"), "unit", title=title)
+    print_table(plan.heads, plan.rows, title=plan.title)
+    rows: list[tuple[str, ...]] = []
     for part in plan.expected:
         for each in part:
             u = COVERAGE * each.std / each.size
             cell = format_value_and_uncertainty(0.0, u)[1] if isfinite(u) else "—"
-            table.add_row(each.name, each.meaning, cell, each.unit)
-        table.add_section()
-    console.print(table)
-    for note in plan.notes:
-        console.print(f"· {note}", highlight=False)
+            rows.append((each.name, each.meaning, cell, each.unit))
+        rows.append(())
+    print_table(
+        ("coefficient", "meaning", ">U (k = 2)", "unit"),
+        rows,
+        title=f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}",
+    )
+    print_lines(plan.notes, "· ")

@@ -1,13 +1,27 @@
 """`inercal qualify`: parameters of a bench from a measurement of their own."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from math import sqrt
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.console import print_json
+from inercal.basics.errors import InputError
+from inercal.cli.console import open_register, print_json, print_line, print_lines, print_table
+from inercal.cli.options import Force, Json, RegisterOption
+from inercal.cli.outputs import QUALIFICATION, check_outputs
 
-NAME = "qualify"
+if TYPE_CHECKING:
+    from inercal.benches.qualification import Qualification
+    from inercal.benches.qualification.succession import ParameterDrift
+    from inercal.laboratory.store.qualification_uses import QualificationUse
+
 _NOT_TO_BE_RELIED_ON = 3  # the exit status
+_SHOWN = {"rad": "″", "1": "ppm", "(m/s²)⁻¹": "ppm/g", "m": "mm", "m/s²": "m/s²", "s": "ms"}
+_LARGEST_CORRELATION = 0.05  # that is left out
 
 
 def run(
@@ -19,26 +33,19 @@ def run(
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The qualification to write, *.qualification.json."
     ),
-    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
+    force: Force = False,
     drift: bool = typer.Option(
         False, "--drift", help="Compare two successive qualifications of one bench."
     ),
     withdraw: str | None = typer.Option(
         None,
-        "--withdraw",
         metavar="REASON",
         help="Withdraw a qualification: the file says so, and what used it is listed.",
     ),
-    register: str | None = typer.Option(
-        None,
-        "--register",
-        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER.",
-    ),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     r"""Qualify a bench: find its parameters with their covariance, for \[bench] qualification."""
-    from inercal.basics.errors import InputError
-
     if drift and withdraw is not None:
         raise InputError("--drift and --withdraw are two tasks: give one of them", key="--drift")
     wanted = 2 if drift else 1
@@ -59,7 +66,6 @@ def run(
 def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     from inercal.benches.qualification.input_file import input_files, qualify
     from inercal.benches.qualification.qualification_file import qualification_object, save
-    from inercal.cli.outputs import QUALIFICATION, check_outputs
 
     if out is not None:
         check_outputs({out: QUALIFICATION}, input_files(file), force=force)
@@ -69,9 +75,7 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     if json:
         print_json(qualification_object(found))
     else:
-        from inercal.cli.qualify_view import print_qualification
-
-        print_qualification(found)
+        _print_qualification(found)
         if out is not None:
             print(f"wrote {out}")
     if not found.consistent:
@@ -87,24 +91,18 @@ def _drift(files: list[Path], json: bool) -> None:
     if json:
         print_json({"drift": [one._asdict() for one in found]})
         return
-    from inercal.cli.qualify_view import print_drift
-
-    print_drift(earlier, later, found)
+    _print_drift(earlier, later, found)
 
 
 def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
-    from dataclasses import replace
-    from datetime import UTC, datetime
 
-    from inercal.basics.errors import InputError
     from inercal.benches.qualification.qualification_file import load, save
-    from inercal.laboratory.store import Register
     from inercal.laboratory.store.qualification_uses import qualification_uses
 
     found = load(file)
     if not reason.strip() and not found.withdrawn:
         raise InputError("--withdraw: the reason is empty; state it", key="--withdraw")
-    with Register(address, create=False) as opened:
+    with open_register(address, create=False) as opened:
         uses = qualification_uses(opened, found.determination)
         place = opened.address
     if not found.withdrawn:
@@ -121,6 +119,81 @@ def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
             }
         )
         return
-    from inercal.cli.qualify_view import print_uses
+    _print_uses(found, place, uses)
 
-    print_uses(found, place, uses)
+
+def _print_qualification(found: "Qualification") -> None:
+    """Print the parameters with U, their correlations, the tests and what was not seen."""
+    import numpy as np
+
+    from inercal.basics.units import format_value_and_uncertainty
+    from inercal.benches.qualification.result import ANY_BENCH
+
+    place = "the place" if found.bench == ANY_BENCH else f"{found.bench} {found.bench_name}".strip()
+    ends = f", valid until {found.valid_until}" if found.valid_until else ""
+    print_line(f"{found.kind} of {place}, {found.date}{ends}: {found.method}")
+    rows: list[tuple[str, ...]] = []
+    for one, u in zip(found.parameters, found.std, strict=True):
+        unit, si = _shown_unit(one.unit)
+        shown = format_value_and_uncertainty(one.value / si, 2 * float(u) / si)
+        earlier = one.determination != found.determination
+        rows.append((one.name, *shown, unit, f"{one.date} (earlier)" if earlier else ""))
+    print_table(("parameter", ">value", ">U (k = 2)", "unit", "from"), rows)
+    correlation = found.covariance / np.outer(found.std, found.std)
+    lines = [
+        f"correlation of {found.names[j]} and {name}: {correlation[i, j]:.3f}"
+        for i, name in enumerate(found.names)
+        for j in range(i)
+        if abs(correlation[i, j]) > _LARGEST_CORRELATION
+    ]
+    if found.dof:
+        lines.append(
+            f"χ² {found.chi2:.4g} with {found.dof} degrees of freedom (p {found.p_value:.2g})"
+        )
+    lines += [f"does not agree with the model: {one}" for one in found.suspects]
+    lines += found.remarks
+    lines += [f"not seen: {one}" for one in found.unseen]
+    if found.expired_parameters(datetime.now(UTC).date()):
+        lines.append(f"expired on {found.valid_until}")
+    if found.withdrawn:
+        lines.append(f"withdrawn, {found.withdrawn}")
+    print_lines(lines, "· ")
+
+
+def _shown_unit(unit: str) -> tuple[str, float]:
+    """Return the unit that a parameter is printed in, and its size in SI."""
+    from inercal.basics.units import si_factor
+
+    shown = _SHOWN.get(unit, unit)
+    return shown, si_factor(shown)
+
+
+def _print_drift(
+    earlier: "Qualification", later: "Qualification", found: "Sequence[ParameterDrift]"
+) -> None:
+    """Print the difference of two qualifications, and the random walk between them."""
+    days = (later.date - earlier.date).days
+    print_line(f"{later.kind} of {later.bench} {later.bench_name}: {days} days between")
+    rows: list[tuple[str, ...]] = []
+    for one in found:
+        unit, si = _shown_unit(one.unit)
+        sizes = (one.difference, one.std, sqrt(one.walk), sqrt(one.upper), one.u_year)
+        rows.append((one.name, *(f"{x / si:.3g}" for x in sizes), unit))
+    numbers = (">difference", ">u", ">√q a year", ">at most", ">u after a year")
+    print_table(("parameter", *numbers, "unit"), rows)
+
+
+def _print_uses(found: "Qualification", register: str, uses: "Sequence[QualificationUse]") -> None:
+    """Print the calibrations and certificates that used a withdrawn qualification."""
+    print_line(f"withdrawn, {found.withdrawn}: {found.kind} of {found.date}")
+    if not uses:
+        print_line(f"no calibration in {register} used it")
+        return
+    print_table(
+        ("calibration", "sensor", "measured", "parameters", "certificates"),
+        [
+            (f"#{one.calibration}", one.sensor, one.measured[:10], ", ".join(one.parameters),
+             ", ".join(one.certificates))
+            for one in uses
+        ],
+    )  # fmt: skip

@@ -1,46 +1,52 @@
 """`inercal repeat`: several calibrations of one sensor, its mean and its next use."""
 
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from inercal.cli.console import print_json
-from inercal.cli.session_inputs import Same
-from inercal.cli.session_options import REGISTER, SAME, SENSOR, TABLE
+from inercal.basics.atomic_files import write_text
+from inercal.cli.console import (
+    axis_of,
+    print_json,
+    print_line,
+    print_lines,
+    print_table,
+    print_written_files,
+)
+from inercal.cli.options import Force, Json, RegisterOption
+from inercal.cli.outputs import CALIBRATION, REPEATABILITY, check_outputs
+from inercal.cli.session_inputs import SameOption, Sensor, Sessions
 
-NAME = "repeat"
+if TYPE_CHECKING:
+    from inercal.laboratory.repeatability import Repeatability
 
 
 def run(
     files: list[Path] | None = typer.Argument(
         None, help="Calibration files of one sensor, in the order of time.", metavar="FILE…"
     ),
-    table: Path | None = TABLE,
-    sensor: str | None = SENSOR,
-    register: str | None = REGISTER,
-    same: list[Same] | None = SAME,
+    table: Sessions = None,
+    sensor: Sensor = None,
+    register: RegisterOption = None,
+    same: SameOption = None,
     scope: Literal["day", "turn-on"] = typer.Option(
         "day", "--next", help="What is new in the next use."
     ),
     mount: Literal["sensor", "bench"] = typer.Option(
         "bench",
-        "--mount",
         help="Whether U of the next use holds the rotation of a new mounting (sensor), or whoever "
         "mounts answers for it (bench).",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Folder for the result and the calibration of the next use."
     ),
-    force: bool = typer.Option(False, "--force", help="Write over existing files."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """State a sensor's mean over several calibrations and the uncertainty of its next use."""
-    from inercal.basics.atomic_files import write_text
     from inercal.basics.documents import document_text
     from inercal.calibration.files import save
-    from inercal.cli.outputs import CALIBRATION, REPEATABILITY, check_outputs
-    from inercal.cli.repeat_view import print_repeatability
     from inercal.cli.session_inputs import read_sessions
     from inercal.laboratory.repeatability import repeat
     from inercal.laboratory.repeatability.files import next_use_calibration, repeatability_object
@@ -62,6 +68,41 @@ def run(
     if json:
         print_json(repeatability_object(found))
         return
-    print_repeatability(found)
-    for path in targets:
-        print(f"wrote {path}")
+    _print_repeatability(found)
+    print_written_files(targets)
+
+
+def _print_repeatability(found: "Repeatability") -> None:
+    """Print mean and next use of each coefficient, the scatter, and what was found."""
+    from inercal.basics.units import format_value_and_uncertainty
+    from inercal.laboratory.repeatability.advice import advice_lines
+
+    matched = found.matched
+    count = len(matched.sessions)
+    days, mounts, turn_ons = (int(matched.level(which).max()) + 1 for which in range(3))
+    print_line(
+        f"{matched.sensor.name}: {count} sessions of {days} days, {mounts} mountings, {turn_ons} "
+        f"turn-ons; U with 95 % coverage; the next use is on another {found.scope}"
+    )
+    rows: list[tuple[str, ...]] = []
+    for k, name in enumerate(found.names):
+        term = matched.sensor.coefficient(name)
+        mean, next_use = (
+            format_value_and_uncertainty(
+                float(found.values[k]) / term.si, float(one.expanded[k]) / term.si
+            )
+            for one in (found.mean, found.next_use)
+        )
+        rows.append((name, *mean, next_use[1], term.unit))
+    heads = ("coefficient", ">mean", ">U of the mean", ">U of the next use", "unit")
+    print_table(heads, rows, section=axis_of)
+    print_table(
+        ("scatter", "with each", ">standard deviation", ">from", ">to", "unit", "in the next use"),
+        [
+            (one.effect.name, one.effect.level,
+             *(f"{x / one.effect.si:.3g}" for x in (one.sd, one.low, one.high)),
+             one.effect.unit, "yes" if one.effect.is_in_next_use(found.scope) else "no")
+            for one in found.components
+        ],
+    )  # fmt: skip
+    print_lines((*found.findings, *advice_lines(found)), "· ")

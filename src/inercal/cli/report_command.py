@@ -11,23 +11,20 @@ from inercal.cli.console import (
     print_json,
     progress_status,
 )
-
-NAME = "report"
+from inercal.cli.options import Json, Strict
+from inercal.cli.outputs import PAGE, check_outputs
 
 
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML)."),
     out: Path | None = typer.Option(None, "--out", "-o", help="The page to write."),
-    strict: bool = typer.Option(
-        False, "--strict", help="Exit with status 3 also for a result with reservations."
-    ),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    strict: Strict = False,
+    json: Json = False,
 ) -> None:
     """Calibrate, and write only the HTML report.
 
     The exit status is 0, or 3 where the page is written but the result is not to be relied on.
     """
-    from inercal.cli.outputs import PAGE, check_outputs
     from inercal.runfile import read
 
     plan = read(run_file)

@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.worker_option import SCHEDULER, WORKERS, warn_of_root
+from inercal.basics.errors import InputError
+from inercal.cli.console import print_json, progress_status
+from inercal.cli.options import Scheduler, Workers, warn_of_root
+from inercal.cli.outputs import PAGE, check_outputs
 
 if TYPE_CHECKING:
     from inercal.studies import Study
 
-NAME = "reproduce"
 _COLOURS = {"reproduced": "green", "not reproducible": "yellow", "false": "red"}
 
 
@@ -30,8 +32,8 @@ def run(
         help="Largest number of Monte Carlo trials of a study (default: 4000).",
     ),
     seed: int | None = typer.Option(None, help="Seed of the noise of a study (default: 0)."),
-    workers: int | None = WORKERS,
-    scheduler: str | None = SCHEDULER,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
     """Recompute a source paper, and judge whether each of its claims holds; or a bundle.
@@ -40,11 +42,13 @@ def run(
     differs.
     """
     if Path(name).suffix.lower() == ".zip":
-        _refuse_options(out=out, trials=trials, seed=seed, workers=workers, scheduler=scheduler)
+        options = {"--out": out, "--trials": trials, "--seed": seed, "--workers": workers,
+                   "--scheduler": scheduler}  # fmt: skip
+        if given := [option for option, value in options.items() if value is not None]:
+            raise InputError(f"{', '.join(given)}: a bundle takes no such option; leave it out")
         _reproduce_bundle(Path(name), json)
         return
     from inercal.basics.parallel import open_executor
-    from inercal.cli.outputs import PAGE, check_outputs
     from inercal.cli.terminal import terminal
     from inercal.studies import TRIALS, reproduce, results_as_list, write_study
 
@@ -61,25 +65,13 @@ def run(
             status.update("writing the page")
             written = write_study(study, folder)
     if json:
-        from inercal.cli.console import print_json
-
         print_json(results_as_list(study))
         return
     _print(study)
     print(f"wrote {written}")
 
 
-def _refuse_options(**options: object) -> None:
-    from inercal.basics.errors import InputError
-
-    given = [f"--{name}" for name, value in options.items() if value is not None]
-    if given:
-        raise InputError(f"{', '.join(given)}: a bundle takes no such option; leave it out")
-
-
 def _reproduce_bundle(path: Path, json: bool) -> None:
-    from inercal.basics.errors import InputError
-    from inercal.cli.console import print_json, progress_status
     from inercal.pipeline.bundles import TOLERANCE, is_bundle, reproduce_bundle
 
     if not is_bundle(path):

@@ -4,14 +4,15 @@ from pathlib import Path
 
 import typer
 
+from inercal.basics.atomic_files import write_text
 from inercal.cli.console import print_json, progress_status
+from inercal.cli.outputs import SELF_CHECK, check_outputs
 
-NAME = "self-check"
 _FAILED = 3  # the exit status
 
 
 def run(
-    method: list[str] = typer.Option([], "--method", help="Check this method alone."),
+    method: list[str] = typer.Option([], help="Check this method alone."),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder of the dated report."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object, and write no report."),
 ) -> None:
@@ -20,10 +21,7 @@ def run(
     Run it before the first use, and after each change of version, libraries or machine. It takes
     about a minute. The exit status is 3 where a method fails.
     """
-    from inercal.basics.atomic_files import write_text
-    from inercal.cli.outputs import SELF_CHECK, check_outputs
-    from inercal.pipeline.self_check import self_check
-    from inercal.pipeline.self_check.report import report_text
+    from inercal.pipeline.self_check import report_text, self_check
 
     check_outputs({} if json else {out / "self-check.txt": SELF_CHECK})
     with progress_status("checking") as update:

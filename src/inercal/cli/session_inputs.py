@@ -3,7 +3,12 @@
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from inercal.basics.errors import InputError
+from inercal.cli.console import open_register
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -18,6 +23,25 @@ class Same(StrEnum):
     DAY = "day"
     MOUNT = "mount"
     TURN_ON = "turn-on"
+
+
+Sessions = Annotated[
+    Path | None,
+    typer.Option(
+        "--table",
+        "-t",
+        help="CSV of sessions with columns file, day, mount, turn_on; instead of files.",
+    ),
+]
+Sensor = Annotated[str | None, typer.Option(help="A sensor of the register; instead of files.")]
+SameOption = Annotated[
+    list[Same] | None,
+    typer.Option(
+        "--same",
+        help="What all files have in common; otherwise each is of another day, mounting and "
+        "turn-on.",
+    ),
+]
 
 
 class DatedSession(NamedTuple):
@@ -41,8 +65,6 @@ def read_sessions(
     InputError
         Not one way of giving sessions, or sessions that cannot be read.
     """
-    from inercal.basics.errors import InputError
-
     require_single_source(files, table, sensor)
     if register is not None and sensor is None:
         raise InputError("--register: name the sensor by --sensor", key="--register")
@@ -60,8 +82,6 @@ def require_single_source(*ways: object) -> None:
     ------
     InputError
     """
-    from inercal.basics.errors import InputError
-
     if sum(map(bool, ways)) != 1:
         further = " or --bench" if len(ways) > 3 else ""
         raise InputError(f"give the sessions in one way: files, --table or --sensor{further}")
@@ -97,9 +117,8 @@ def _of_files(files: list[Path], same: list[Same] | None) -> list[DatedSession]:
 
 def _of_register(address: str | None, sensor: str, same: list[Same] | None) -> list[DatedSession]:
     from inercal.laboratory.repeatability import RepeatedSession
-    from inercal.laboratory.store import Register
 
-    with Register(address, create=False) as opened:
+    with open_register(address, create=False) as opened:
         entries = opened.history(sensor).entries
     sessions: list[DatedSession] = []
     for k, entry in enumerate(entries):
@@ -113,7 +132,6 @@ def _of_register(address: str | None, sensor: str, same: list[Same] | None) -> l
 
 def _of_table(table: Path, same: list[Same] | None) -> tuple[list[DatedSession], list[Path]]:
     """Return the sessions of a table, and its files."""
-    from inercal.basics.errors import InputError
     from inercal.basics.small_files import csv_lines
     from inercal.calibration.files import load
     from inercal.laboratory.repeatability import RepeatedSession

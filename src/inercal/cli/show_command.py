@@ -1,24 +1,29 @@
 """`inercal show`: what a file is, in a table."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from inercal.cli.console import print_json
+from inercal.basics.errors import InputError
+from inercal.cli.console import make_table, print_json, print_line, print_lines, print_table
+from inercal.cli.options import Json
 
 if TYPE_CHECKING:
     from inercal.runfile import Run
 
-NAME = "show"
+_EACH = {"position": "each position", "turn": "each turn", "dwell": "each dwell",
+         "pass": "each pass", "mounting": "each mounting", "speed": "each speed"}  # fmt: skip
+_OTHER_KEYS = {"g": "gravity", **dict.fromkeys(("earth_up", "earth1", "earth2"), "latitude")}
 
 
 def run(
     file: Path = typer.Argument(help="A calibration file, a run file, or a recording."),
     at: list[str] = typer.Option(
-        [], "--at", help='A temperature, such as "-30 °C": the coefficients of a calibration there.'
+        [], help='A temperature, such as "-30 °C": the coefficients of a calibration there.'
     ),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
+    json: Json = False,
 ) -> None:
     """Show a calibration with its uncertainties, the checked keys of a run file, or a recording."""
     if at:
@@ -34,7 +39,7 @@ def run(
 def _show_calibration(file: Path, json: bool) -> None:
     from inercal.calibration.display import title
     from inercal.calibration.files import calibration_object, load
-    from inercal.cli.calibration_view import print_calibration_table, print_line
+    from inercal.cli.calibration_view import print_calibration_table
 
     calibration = load(file)
     if json:
@@ -44,9 +49,8 @@ def _show_calibration(file: Path, json: bool) -> None:
     verdict = "" if calibration.verdict is None else calibration.verdict.word
     facts = {"verdict": verdict, **calibration.job, "frame": calibration.frame}
     facts |= calibration.conditions
-    for name, text in {**facts, **calibration.provenance}.items():
-        if text:
-            print_line(f"{name}: {text}")
+    facts |= calibration.provenance
+    print_lines(f"{name}: {text}" for name, text in facts.items() if text)
     print_calibration_table(calibration)
 
 
@@ -54,12 +58,9 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
     """Show the coefficients of a calibration at temperatures, with U = 2 u."""
     import numpy as np
 
-    from inercal.basics.errors import InputError
     from inercal.basics.units import format_value_and_uncertainty
     from inercal.calibration.files import load
     from inercal.calibration.temperature_curves import temperature_curves
-    from inercal.cli.tables import make_table, number_columns
-    from inercal.cli.terminal import terminal
     from inercal.estimation.uncertainty.coverage import COVERAGE
     from inercal.physics.section_settings import si_value
 
@@ -88,35 +89,32 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
         ]
         print_json({"file": "calibration", "temperature_K": kelvin.tolist(), "coefficients": rows})
         return
-    table = make_table("coefficient", "meaning", *number_columns(at), "unit")
+    table: list[tuple[str, ...]] = []
     for one in curves:
-        cells = [
+        cells = (
             " ± ".join(format_value_and_uncertainty(value / one.si, COVERAGE * std / one.si))
             for value, std in zip(one.value.tolist(), one.std.tolist(), strict=True)
-        ]
+        )
         meaning = one.meaning if one.complete else f"{one.meaning}, change"
-        table.add_row(one.name, meaning, *cells, one.unit)
-    terminal(highlight=False).print(table)
+        table.append((one.name, meaning, *cells, one.unit))
+    print_table(("coefficient", "meaning", *(f">{text}" for text in at), "unit"), table)
 
 
 def _show_run_file(file: Path, json: bool) -> None:
-    from inercal.cli.bench_errors_view import bench_errors, print_bench_errors
-    from inercal.cli.tables import make_table
     from inercal.cli.terminal import terminal
     from inercal.runfile import read
 
     run = read(file)
-    facts = _run_facts(run)
-    errors = bench_errors(run)
+    facts, errors = _run_facts(run), _bench_errors(run)
     if json:
         print_json({"file": "run file"} | facts | {"bench_parameters": errors})
         return
     table = make_table("run file", file.name)
-    for name, text in facts.items():
-        table.add_row(name, text)
+    for fact in facts.items():
+        table.add_row(*fact)  # whole, however many coefficients there are
     terminal(highlight=False).print(table)
     if errors:
-        print_bench_errors(errors)
+        _print_bench_errors(errors)
 
 
 def _run_facts(run: "Run") -> dict[str, str]:
@@ -135,11 +133,48 @@ def _run_facts(run: "Run") -> dict[str, str]:
     return {name: text for name, text in facts.items() if text}
 
 
+def _bench_errors(run: "Run") -> list[dict[str, Any]]:
+    """Return the errors of the bench that are not exactly known, SI, with their keys."""
+    from inercal.benches.key_declarations import declarations
+
+    key_of = dict(_OTHER_KEYS)
+    for field, one in declarations(type(run.bench)).items():
+        names = (field,) if isinstance(one.parameters, str) else one.parameters
+        key_of |= dict.fromkeys(names, one.key or field)
+    return [
+        {
+            "name": one.name,
+            "key": key_of.get(one.name, ""),
+            "value": one.value,
+            "std": one.sd,
+            "unit": one.unit,
+            "of": _EACH.get(one.scope, ""),
+            "meaning": one.meaning,
+        }
+        for one in run.bench.parameters
+        if one.sd > 0
+    ]
+
+
+def _print_bench_errors(errors: Sequence[Mapping[str, Any]]) -> None:
+    """Print the errors of a bench in a table: value and standard deviation in a usual unit."""
+    from inercal.basics.parameters import Parameter, display_unit
+    from inercal.basics.units import format_value_and_uncertainty
+
+    rows: list[tuple[str, ...]] = []
+    for row in errors:
+        unit, si = display_unit(
+            Parameter(row["name"], row["unit"], row["std"], "run", row["value"])
+        )
+        cells = format_value_and_uncertainty(row["value"] / si, row["std"] / si)
+        meaning = ", ".join(text for text in (row["meaning"], row["of"]) if text)
+        rows.append((row["name"], row["key"], *cells, unit, meaning))
+    print_table(("error of the bench", "key", ">value", ">u (k = 1)", "unit", "meaning"), rows)
+
+
 def _show_recording(file: Path, json: bool) -> None:
     import numpy as np
 
-    from inercal.cli.tables import add_row, make_table, number_columns
-    from inercal.cli.terminal import terminal
     from inercal.pipeline.drafts.column_roles import recognise_columns
     from inercal.recordings.io.read import read_table
 
@@ -164,10 +199,13 @@ def _show_recording(file: Path, json: bool) -> None:
     if json:
         print_json({"file": "recording", "source": table.source, "rows": count, "columns": rows})
         return
-    heads = (*number_columns(("smallest", "median", "largest")),)
-    shown = make_table("column", "holds", *heads, title=f"{table.source}: {count} rows")
-    for row in rows:
-        values = (row[key] for key in ("smallest", "median", "largest"))
-        texts = (x if isinstance(x, str) else f"{x:.7g}" for x in values)
-        add_row(shown, row["column"], row["holds"], *texts)
-    terminal(highlight=False).print(shown)
+    keys = ("smallest", "median", "largest")
+    print_table(
+        ("column", "holds", *(f">{key}" for key in keys)),
+        [
+            (row["column"], row["holds"],
+             *(x if isinstance(x := row[key], str) else f"{x:.7g}" for key in keys))
+            for row in rows
+        ],
+        title=f"{table.source}: {count} rows",
+    )  # fmt: skip

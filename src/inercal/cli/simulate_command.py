@@ -5,8 +5,8 @@ from pathlib import Path
 import typer
 
 from inercal.cli.console import print_json, progress_status
-
-NAME = "simulate"
+from inercal.cli.options import Force, Json
+from inercal.cli.outputs import RECORDING, check_outputs
 
 
 def run(
@@ -18,11 +18,10 @@ def run(
         help="The recording to write (.csv, .npz, .parquet); by default \\[data] file.",
     ),
     seed: int = typer.Option(0, min=0, help="Seed of the noise and of the bench's errors."),
-    force: bool = typer.Option(False, "--force", help="Write over an existing recording."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Simulate the recording of the run's plan."""
-    from inercal.cli.outputs import RECORDING, check_outputs
     from inercal.runfile import read
 
     plan = read(run_file)

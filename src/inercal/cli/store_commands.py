@@ -1,12 +1,15 @@
 """`inercal store`: the register of sensors, runs and calibrations."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from inercal.cli.console import print_json
+from inercal.basics.atomic_files import write_text
+from inercal.basics.errors import InercalError, InputError
+from inercal.cli.console import open_register, print_json, report_line
+from inercal.cli.options import Force, Json, RegisterOption, assignments
+from inercal.cli.outputs import BACKUP, PAGE, check_outputs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,24 +19,15 @@ if TYPE_CHECKING:
     from inercal.calibration.comparison.run_to_run import RunToRun
     from inercal.laboratory.store import NoiseEntry, Register, SensorEntry
 
-NAME = "store"
-PAGE = 50  # calibrations or runs that a table lists, unless all are wanted
+_LISTED = 50  # calibrations or runs that a table lists, unless all are wanted
 app = typer.Typer(
     help="Keep sensors, runs and calibrations in a register, and follow their changes.",
     no_args_is_help=True,
 )
 
-_Register = Annotated[
-    str | None,
-    typer.Option(
-        "--register",
-        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER.",
-    ),
-]
-_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 _Sensor = Annotated[str, typer.Argument(help="Its name.")]
 _All = Annotated[
-    bool, typer.Option("--all", help=f"All calibrations and runs, not the newest {PAGE}.")
+    bool, typer.Option("--all", help=f"All calibrations and runs, not the newest {_LISTED}.")
 ]
 
 
@@ -43,14 +37,13 @@ def list_(
         bool, typer.Option("--runs", help="List the runs instead of the sensors.")
     ] = False,
     everything: _All = False,
-    register: _Register = None,
-    json: _Json = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """List the sensors with the number of calibrations, the last date and who entered them."""
     from inercal.cli import store_view
-    from inercal.laboratory.store import Register
 
-    with Register(register, create=False) as opened:
+    with open_register(register, create=False) as opened:
         limit = _limit(everything, json)
         found = opened.runs(newest=limit) if runs else opened.sensors()
         if json:
@@ -70,16 +63,16 @@ def list_(
 def show(
     what: Annotated[str, typer.Argument(help="A sensor's name, or the number of a calibration.")],
     everything: _All = False,
-    register: _Register = None,
-    json: _Json = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Show a sensor with its calibrations, runs and noise, or all data of one calibration."""
     from inercal.cli import store_view
-    from inercal.cli.noise_history_view import noise_object_list, print_newest_noise
-    from inercal.laboratory.store import Register
 
-    with Register(register, create=False) as opened:
-        number = None if _is_sensor_name(opened, what) else _parse_number(what)
+    with open_register(register, create=False) as opened:
+        # A sensor's name may be a number.
+        is_name = any(one.name == what for one in opened.sensors())
+        number = None if is_name else _parse_number(what)
         if number is not None:
             entry = opened.calibration(number)
             if json:
@@ -101,11 +94,11 @@ def show(
                     name: [store_view.entry_object(one) for one in part]
                     for name, part in parts.items()
                 }
-                | {"noise": noise_object_list(noise)}
+                | {"noise": store_view.noise_object_list(noise)}
             )
         else:
             store_view.print_sensor(sensor, calibrations, runs, limit)
-            print_newest_noise(noise)
+            store_view.print_newest_noise(noise)
 
 
 @app.command()
@@ -138,20 +131,16 @@ def history(
             "else those with the same model in \\[job]."
         ),
     ] = None,
-    register: _Register = None,
-    json: _Json = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Show how a sensor's coefficients change, and when it should be calibrated next."""
-    from inercal.cli import recalibration_view, store_view
-    from inercal.cli.noise_history_view import noise_object_list, print_noise_history
-    from inercal.laboratory.store import Register
+    from inercal.cli import store_view
     from inercal.laboratory.store.recalibration import needs_pool, recalibration
     from inercal.laboratory.store.type_pool import type_pool
 
-    with Register(register, create=False) as opened:
+    with open_register(register, create=False) as opened:
         if out is not None:
-            from inercal.cli.outputs import PAGE, check_outputs
-
             check_outputs({out: PAGE}, opened.files)
         entry, noise = opened.sensor(sensor), opened.noise_history(sensor)
         if noise and not entry.calibrations and not coefficients:
@@ -161,7 +150,12 @@ def history(
         pool = type_pool(opened, found, like or ()) if like or needs_pool(found) else None
     chosen = found.select(coefficients or ())
     share = None if in_use is None else in_use / 100
-    next_one = recalibration(chosen, recalibration_view.stated_limits(limit), share, pool)
+    next_one = recalibration(
+        chosen,
+        assignments(limit or (), "--limit", 'coefficient or group = largest U, "bias=1 mg"'),
+        share,
+        pool,
+    )
     if out is not None:
         from inercal.report import write_history
 
@@ -169,15 +163,15 @@ def history(
     if json:
         print_json(
             store_view.history_object(chosen)
-            | {"next_calibration": recalibration_view.recalibration_object(next_one)}
-            | {"noise": noise_object_list(noise)}
+            | {"next_calibration": store_view.recalibration_object(next_one)}
+            | {"noise": store_view.noise_object_list(noise)}
             | ({} if out is None else {"page": str(out)})
         )
         return
     store_view.print_history(chosen, detailed=bool(coefficients))
-    recalibration_view.print_recalibration(next_one)
+    store_view.print_recalibration(next_one)
     if not coefficients:
-        print_noise_history(noise)
+        store_view.print_noise_history(noise)
     if out is not None:
         print(f"wrote {out}")
 
@@ -187,18 +181,20 @@ def _print_noise_alone(
 ) -> None:
     """Print the noise over time of a sensor that was never calibrated, and write its page."""
     from inercal.cli import store_view
-    from inercal.cli.noise_history_view import noise_object_list, print_noise_history
 
     if out is not None:
-        from inercal.report import write_noise_history
+        from inercal.report import noise_history_page
 
-        write_noise_history(sensor, noise, out)
+        write_text(out, noise_history_page(sensor, noise))
     if json:
-        content = {"sensor": store_view.entry_object(sensor), "noise": noise_object_list(noise)}
+        content = {
+            "sensor": store_view.entry_object(sensor),
+            "noise": store_view.noise_object_list(noise),
+        }
         print_json(content | ({} if out is None else {"page": str(out)}))
         return
     print(f"{sensor.name}: no calibration yet")
-    print_noise_history(noise)
+    store_view.print_noise_history(noise)
     if out is not None:
         print(f"wrote {out}")
 
@@ -214,11 +210,10 @@ def diff(
             "the sensor's other calibrations in the register."
         ),
     ] = None,
-    register: _Register = None,
-    json: _Json = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Compare two calibrations, coefficient by coefficient and all together."""
-    from inercal.basics.errors import InputError
     from inercal.calibration.comparison import compare
     from inercal.cli.calibration_view import comparison_object, print_comparison
 
@@ -240,7 +235,6 @@ def _run_to_run(
 ) -> "RunToRun | None":
     """Return a comparison against the scatter of a file, or of the register; None of too few."""
     from inercal.calibration.comparison.run_to_run import against_scatter, scatter_of_file
-    from inercal.laboratory.store import Register
     from inercal.laboratory.store.run_scatter import run_scatter
 
     if file is not None:
@@ -249,7 +243,7 @@ def _run_to_run(
     sensors = {one.sensor.name for one in (compared.first, compared.second)}
     if not numbers or len(sensors) > 1:
         return None
-    with Register(register, create=False) as opened:
+    with open_register(register, create=False) as opened:
         history = opened.history(opened.calibration(numbers[-1]).sensor)
     newest, terms = history.calibrations[-1], compared.second
     if (newest.frame, newest.sensor.form) != (terms.frame, terms.sensor.form):
@@ -271,48 +265,98 @@ def import_(
         str | None,
         typer.Option(help="Name of the person who enters it; by default the user's name."),
     ] = None,
-    register: _Register = None,
-    json: _Json = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Enter calibrations and runs; existing entries stay, --measured dates one without a date."""
-    from inercal.basics.errors import InercalError, InputError
-    from inercal.cli.store_imports import enter_path, entry_line, print_dates
-    from inercal.laboratory.store import Register
-
     if measured is not None and (len(paths) > 1 or paths[0].is_dir()):
         raise InputError(
             "--measured is the date of one calibration: give exactly one calibration file",
             key="--measured",
         )
     entered: list[dict[str, Any]] = []
-    with Register(register, by) as opened:
+    with open_register(register, by) as opened:
         try:
             for path in paths:
-                entered.append(enter_path(opened, path, measured))
+                entered.append(_enter_path(opened, path, measured))
                 if not json:
-                    print(entry_line(entered[-1]))
+                    print(_entry_line(entered[-1]))
             if not json:
-                print_dates(opened, entered, measured)
+                _print_dates(opened, entered, measured)
         except InercalError:
             done, left = len(entered), len(paths) - len(entered) - 1
             if done or left:
                 text = f"{done} of {len(paths)} paths entered, {left} not read"
-                print(f"inercal: {text}", file=sys.stderr)
+                report_line(text)
             raise
         finally:
             if json:
                 print_json({"register": opened.address, "entered": entered})
 
 
+def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[str, Any]:
+    """Enter one path; return run and calibrations."""
+    # A register that is not there yet is created when the first entry is good.
+    before = set(opened.calibration_numbers() if opened.exists else ())
+    if not path.is_dir():
+        numbers = (opened.enter_calibration(path, measured),)
+        return _entry_summary(path, None, numbers, before)
+    from inercal.host.registration import register_run
+    from inercal.host.run_folder import JOURNAL
+
+    if (path / JOURNAL).exists():
+        number = register_run(opened, path)
+        return _entry_summary(path, number, opened.calibration_numbers(number), before)
+    files = sorted(path.glob("*.calibration.json"))
+    if not files:
+        raise InputError(
+            f"{path}: the folder has neither a run of a bench nor *.calibration.json; give the "
+            "folder of a run, or calibration files",
+            file=path,
+        )
+    return _entry_summary(path, None, opened.enter_calibrations(files), before)
+
+
+def _entry_summary(
+    path: Path, run: int | None, numbers: tuple[int, ...], before: set[int]
+) -> dict[str, Any]:
+    new = [number for number in numbers if number not in before]
+    return {"path": str(path), "run": run, "calibrations": list(numbers), "new": new}
+
+
+def _entry_line(entered: dict[str, Any]) -> str:
+    """Return what of a path was entered, in a line."""
+    parts = [] if entered["run"] is None else [f"run {entered['run']}"]
+    parts += [
+        f"calibration #{number}" + ("" if number in entered["new"] else " (existing)")
+        for number in entered["calibrations"]
+    ]
+    return f"{entered['path']}: {', '.join(parts)}"
+
+
+def _print_dates(opened: "Register", entered: list[dict[str, Any]], measured: str | None) -> None:
+    """Say which date was stated, and which new calibrations have but that of their file."""
+    if measured is not None:
+        number = entered[0]["calibrations"][0]
+        print(f"#{number} is dated {opened.calibration(number).measured[:10]}, as stated")
+        return
+    new = [number for one in entered for number in one["new"]]
+    dated = [n for n in new if opened.calibration(n).measured_from == "created"]
+    if dated:
+        print(
+            f"{', '.join(f'#{n}' for n in dated)}: dated by the making of the file; where it was "
+            "measured on another day, import it again with --measured DATE"
+        )
+
+
 @app.command()
 def backup(
     out: Annotated[Path, typer.Argument(help="The file to write; SQLite, whatever the register.")],
-    force: Annotated[bool, typer.Option("--force", help="Write over an existing file.")] = False,
-    register: _Register = None,
-    json: _Json = False,
+    force: Force = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Write the register with its certificates to one file."""
-    from inercal.cli.outputs import BACKUP, check_outputs
     from inercal.laboratory.store import backup_register
     from inercal.laboratory.store.address import resolve_address
 
@@ -324,8 +368,8 @@ def backup(
 @app.command()
 def restore(
     file: Annotated[Path, typer.Argument(help="A file of inercal store backup.")],
-    register: _Register = None,
-    json: _Json = False,
+    register: RegisterOption = None,
+    json: Json = False,
 ) -> None:
     """Read a backup into a register that is empty or does not exist."""
     from inercal.laboratory.store import restore_register
@@ -346,7 +390,7 @@ def _print_rows(rows: dict[str, int], what: str, names: dict[str, str], json: bo
 
 def _limit(everything: bool, json: bool) -> int | None:
     """Return how many entries a table lists; a program gets all."""
-    return None if everything or json else PAGE
+    return None if everything or json else _LISTED
 
 
 def _parse_number(what: str) -> int | None:
@@ -355,18 +399,12 @@ def _parse_number(what: str) -> int | None:
     return int(digits) if digits.isascii() and digits.isdigit() and len(digits) < 10 else None
 
 
-def _is_sensor_name(opened: "Register", what: str) -> bool:
-    """Return whether a sensor has that name, which may be a number."""
-    return any(one.name == what for one in opened.sensors())
-
-
 def _load_calibration(what: str, register: str | None) -> "Calibration":
     """Return the calibration with a number in the register, or of a file."""
-    from inercal.laboratory.store import Register
     from inercal.laboratory.store.document import make_document
 
     number = _parse_number(what)
     if number is None:
         return make_document(Path(what)).calibration
-    with Register(register, create=False) as opened:
+    with open_register(register, create=False) as opened:
         return opened.calibration(number).calibration

@@ -3,21 +3,14 @@
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
-from math import isnan
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from inercal.calibration.comparison.comparison_text import format_en, grade_text
 from inercal.calibration.comparison.courses import CourseFit
-from inercal.cli.calibration_view import (
-    print_calibration_table,
-    print_line,
-    run_to_run_object,
-)
-from inercal.cli.tables import add_row, begin_section, make_table, number_column
-from inercal.cli.terminal import terminal
+from inercal.cli.calibration_view import print_calibration_table, run_to_run_object
+from inercal.cli.console import axis_of, number_heads, print_line, print_lines, print_table
 from inercal.laboratory.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
 from inercal.laboratory.store.history import CoefficientTrend
 from inercal.laboratory.store.history_text import (
@@ -26,6 +19,20 @@ from inercal.laboratory.store.history_text import (
     format_point,
     format_slope,
     history_lines,
+)
+from inercal.laboratory.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
+from inercal.laboratory.store.noise_history_text import (
+    HEADS,
+    NEWEST_HEADS,
+    change_lines,
+    newest_rows,
+    trend_rows,
+)
+from inercal.laboratory.store.recalibration import Recalibration
+from inercal.laboratory.store.recalibration_text import (
+    interval_table,
+    limit_text,
+    recalibration_lines,
 )
 from inercal.laboratory.store.run_scatter import newest_run_to_run
 from inercal.physics.sensors import SI_UNITS
@@ -36,25 +43,31 @@ _TIME_SOURCES = {
     "created": "creation of the calibration",
 }
 _RIGHT_ALIGNED = ("value", "±", "E_n", "newest", "drift", "calibrations")
+_NOISE_NUMBERS = ("number", "first", "newest", "value", "U (k = 2)", "E_n")
 
 
 def print_sensors(entries: Sequence[SensorEntry]) -> None:
     """Print sensors, one a row."""
-    table = _table("sensor", "axes", "calibrations", "last", "entered by", "on")
-    for one in entries:
-        cells = (one.name, " ".join(one.axes), str(one.calibrations), one.last or "never", one.by)
-        add_row(table, *cells, _date(one.at))
-    terminal().print(table)
+    _print(
+        ("sensor", "axes", "calibrations", "last", "entered by", "on"),
+        [
+            (one.name, " ".join(one.axes), str(one.calibrations), one.last or "never", one.by,
+             _date(one.at))
+            for one in entries
+        ],
+    )  # fmt: skip
 
 
 def print_runs(entries: Sequence[RunEntry], limit: int | None = None) -> None:
     """Print runs, one a row; a line says that `limit` may have left out earlier ones."""
-    table = _table("run", "sensor", "bench", "begun", "state", "folder", "entered by")
-    for one in entries:
-        begun = one.begun.replace("T", " ")[:16]
-        bench = _bench_text(one.kind, one.bench)
-        add_row(table, str(one.id), one.sensor, bench, begun, one.state, one.folder, one.by)
-    terminal().print(table)
+    _print(
+        ("run", "sensor", "bench", "begun", "state", "folder", "entered by"),
+        [
+            (str(one.id), one.sensor, _bench_text(one.kind, one.bench),
+             one.begun.replace("T", " ")[:16], one.state, one.folder, one.by)
+            for one in entries
+        ],
+    )  # fmt: skip
     if len(entries) == limit:
         print_line(f"the newest {limit} runs; --all lists all")
 
@@ -69,16 +82,16 @@ def print_sensor(
     print_line(
         f"{sensor.name}: {', '.join(sensor.axes)}; entered by {sensor.by} on {_date(sensor.at)}"
     )
-    table = _table(
-        "number", "measured", "method", "estimator", "bench", "verdict", "run", "entered by"
-    )
-    for one in calibrations:
-        run = "" if one.run is None else str(one.run)
-        bench = _bench_text(one.kind, one.bench)
-        cells = (f"#{one.id}", _date(one.measured), one.method, one.estimator, bench)
-        add_row(table, *cells, grade_text(one.grade), run, one.by)
     if calibrations:
-        terminal().print(table)
+        _print(
+            ("number", "measured", "method", "estimator", "bench", "verdict", "run", "entered by"),
+            [
+                (f"#{one.id}", _date(one.measured), one.method, one.estimator,
+                 _bench_text(one.kind, one.bench), grade_text(one.grade),
+                 "" if one.run is None else str(one.run), one.by)
+                for one in calibrations
+            ],
+        )  # fmt: skip
     if len(calibrations) < sensor.calibrations:
         print_line(
             f"the newest {len(calibrations)} of {sensor.calibrations} calibrations; --all lists all"
@@ -109,9 +122,7 @@ def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
         facts["run"] = f"{run.id}, begun {run.begun}, {run.state}, {run.folder}"
         facts |= {f"{one.name} sha256": one.sha256 for one in run.files}
     print_line(f"calibration #{entry.id} of {entry.sensor}")
-    for name, text in facts.items():
-        if text:
-            print_line(f"{name}: {text}")
+    print_lines(f"{name}: {text}" for name, text in facts.items() if text)
     print_calibration_table(calibration)
 
 
@@ -125,36 +136,59 @@ def print_history(history: SensorHistory, *, detailed: bool) -> None:
         for trend in history.trends:
             _print_trend(history, trend)
     else:
-        _print_trends(history)
-    for line in history_lines(history):
-        print_line(line)
-
-
-def _print_trends(history: SensorHistory) -> None:
-    table = _table(
-        "coefficient", "newest", "± U (k = 2)", "unit", "E_n", "± U of the mean",
-        "± U of the next use", "drift a year", "± U", "verdict",
-    )  # fmt: skip
-    previous = ""
-    for one in history.trends:
-        previous = begin_section(table, one.name, previous)
-        last = format_en(float(one.normalised_errors[-1]))
-        add_row(
-            table, one.name, *format_point(one, -1), one.unit, last, *format_bands(one),
-            *format_slope(one), one.verdict,
+        _print(
+            ("coefficient", "newest", "± U (k = 2)", "unit", "E_n", "± U of the mean",
+             "± U of the next use", "drift a year", "± U", "verdict"),
+            [
+                (one.name, *format_point(one, -1), one.unit,
+                 format_en(float(one.normalised_errors[-1])), *format_bands(one),
+                 *format_slope(one), one.verdict)
+                for one in history.trends
+            ],
+            section=axis_of,
         )  # fmt: skip
-    terminal().print(table)
+    print_lines(history_lines(history))
 
 
 def _print_trend(history: SensorHistory, trend: CoefficientTrend) -> None:
-    table = _table("number", "measured", f"value, {trend.unit}", "± U (k = 2)", "E_n")
-    table.title = f"{trend.name}, {trend.meaning}"
+    rows: list[tuple[str, ...]] = []
     for k, one in enumerate(trend.points):
-        entry = history.entries[one]
-        cells = (f"#{entry.id}", _date(entry.measured), *format_point(trend, k))
-        add_row(table, *cells, format_en(float(trend.normalised_errors[k])))
-    terminal().print(table)
+        entry, en = history.entries[one], format_en(float(trend.normalised_errors[k]))
+        rows.append((f"#{entry.id}", _date(entry.measured), *format_point(trend, k), en))
+    heads = ("number", "measured", f"value, {trend.unit}", "± U (k = 2)", "E_n")
+    _print(heads, rows, title=f"{trend.name}, {trend.meaning}")
     print_line(f"{trend.name}: {trend.verdict}; {drift_text(trend)}")
+
+
+def print_recalibration(found: Recalibration) -> None:
+    """Print the intervals of each coefficient in days, and the next date."""
+    if found.rows:
+        heads, cells = interval_table(found)
+        rows = zip(found.rows, cells, strict=True)
+        print_table(
+            ("coefficient", "limit", *(f">{head}" for head in heads)),
+            [(one.name, limit_text(found, one), *row) for one, row in rows],
+        )
+    print_lines(recalibration_lines(found))
+
+
+def print_newest_noise(entries: Sequence[NoiseEntry]) -> None:
+    """Print the newest value of each coefficient of the noise, with its date and U."""
+    if entries:
+        rows = newest_rows(noise_trends(tuple(entries)))
+        print_table(number_heads(NEWEST_HEADS, _NOISE_NUMBERS), rows, title="noise", section=str)
+
+
+def print_noise_history(entries: Sequence[NoiseEntry]) -> None:
+    """Print the coefficients of the noise over time, and which changed."""
+    if not entries:
+        return
+    first, last = (_date(one.measured) for one in (entries[0], entries[-1]))
+    count = f"{len(entries)} noise analys{'i' if len(entries) == 1 else 'e'}s"
+    print_line(f"{count}, {first}" + (f" to {last}" if last != first else ""))
+    trends = noise_trends(tuple(entries))
+    print_table(number_heads(HEADS, _NOISE_NUMBERS), trend_rows(trends))
+    print_lines(change_lines(trends))
 
 
 def _bench_text(kind: str, name: str) -> str:
@@ -165,10 +199,8 @@ def _date(time: str) -> str:
     return time.partition("T")[0]
 
 
-def _table(*heads: str) -> Table:
-    return make_table(
-        *(number_column(head) if head.startswith(_RIGHT_ALIGNED) else head for head in heads)
-    )
+def _print(heads: Sequence[str], rows: Sequence[Sequence[str]], **options: Any) -> None:
+    print_table(number_heads(heads, _RIGHT_ALIGNED), rows, **options)
 
 
 def entry_object(entry: SensorEntry | RunEntry | CalibrationEntry) -> dict[str, Any]:
@@ -255,7 +287,7 @@ def _trend_object(history: SensorHistory, trend: CoefficientTrend) -> dict[str, 
                 "measured": history.entries[k].measured,
                 "value": float(value),
                 "std": float(std),
-                "en": None if isnan(e) else float(e),
+                "en": float(e),
             }
             for k, value, std, e in zip(
                 trend.points, trend.values, trend.std, trend.normalised_errors, strict=True
@@ -266,3 +298,51 @@ def _trend_object(history: SensorHistory, trend: CoefficientTrend) -> dict[str, 
         "constancy": trend.constancy._asdict(),
         "verdict": trend.verdict,
     }
+
+
+def recalibration_object(found: Recalibration) -> dict[str, Any]:
+    """Return the next calibration; intervals are years of 365.25 days."""
+    return {
+        "date": found.date,
+        "years": found.years,
+        "decided_by": found.decided_by,
+        "longest": found.longest,
+        "hours_in_use": found.hours_in_use,
+        "operating_hours": found.operating_hours,
+        "pool": None
+        if found.pool is None
+        else {
+            "type": found.pool.type_name,
+            "sensors": list(found.pool.sensors),
+            "longest": found.pool.longest,
+        },
+        "coefficients": [
+            {
+                "name": one.name,
+                "lower": one.limit.lower,
+                "upper": one.limit.upper,
+                "U": one.limit.expanded,
+                "predicted_U": one.expanded,
+                "prediction": one.prediction,
+                "chart": one.chart,
+                "staircase": one.staircase,
+                "hours": one.hours,
+                "sensors": one.sensors,
+            }
+            for one in found.rows
+        ],
+    }
+
+
+def noise_object_list(entries: Sequence[NoiseEntry]) -> list[dict[str, Any]]:
+    """Return the entries for JSON, the oldest first, each with E_n against the one before."""
+    errors = {
+        (entry.id, trend.channel, trend.symbol): en
+        for trend in noise_trends(tuple(entries))
+        for entry, en in zip(trend.entries, trend.normalised_errors, strict=True)
+    }
+    found = [noise_entry_object(one) for one in entries]
+    for entry in found:
+        for one in entry["coefficients"]:
+            one["en"] = errors.get((entry["id"], one["channel"], one["symbol"]))
+    return found

@@ -7,7 +7,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.estimation.scores import Candidate, ExplainedResidual, ScoreTest, ScoreTestSet
-from inercal.estimation.singular_values import svd
+from inercal.estimation.singular_values import column_lengths, svd
 
 _ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
 _FEW_COLUMNS = 1000  # whose span is worked out
@@ -46,8 +46,7 @@ def score_tests(
     dof = len(residual) - jacobian.shape[1]
     if len(residual) > _MANY and isinstance(candidates, Sequence):
         residual, jacobian, candidates = _rotate_rows(residual, jacobian, candidates)
-    size_of = np.linalg.norm(jacobian, axis=0)
-    size_of = np.where(size_of > 0, size_of, 1.0)
+    size_of = column_lengths(jacobian)
     q, triangle = np.linalg.qr(jacobian / size_of)
     back = np.linalg.pinv(triangle) / size_of[:, None]
     back = back if to is None else to @ back
@@ -173,8 +172,7 @@ def spanned_candidates(
     jacobian, candidates
         As of `score_tests`.
     """
-    size = np.linalg.norm(jacobian, axis=0)
-    q, _ = np.linalg.qr(jacobian / np.where(size > 0, size, 1.0))
+    q, _ = np.linalg.qr(jacobian / column_lengths(jacobian))
     found: list[tuple[str, ...]] = []
     for one in candidates:
         left = one.rows - q @ (q.T @ one.rows)

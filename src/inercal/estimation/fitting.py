@@ -121,10 +121,7 @@ def estimate_at_solution(
         whitened=point.whitened[first],
         observations=system.problem.observations,
         wanted=system.problem.wanted,
-        rank=structure.rank,
-        singular_values=structure.singular_values,
-        null_directions=structure.null_directions,
-        weakest=structure.weakest,
+        **structure._asdict(),
         converged=(converged & exists)[first],
         iterations=iterations[first],
         scoring=LazyValue(lambda: _score_tests_at_solution(system, point))
@@ -172,13 +169,20 @@ def _whitened_candidates(
     width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
     at = _whitened_rows(system, point)
 
-    def whitened() -> Iterator[Candidate]:
-        for one in left_out:
-            rows = at.whiten(one.rows)
-            yield replace(one, rows=np.concatenate([rows, np.zeros((width, rows.shape[1]))]))
+    def whitened(some: Iterable[Candidate]) -> Iterator[Candidate]:
+        together = list(some)
+        rows = at.whiten(np.concatenate([one.rows for one in together], axis=1))
+        rows = np.concatenate([rows, np.zeros((width, rows.shape[1]))])
+        start = 0
+        for one in together:
+            stop = start + one.rows.shape[1]
+            yield replace(one, rows=rows[:, start:stop])
+            start = stop
 
     jacobian = np.concatenate([at.jacobian, at.prior_jacobian])
-    return jacobian, list(whitened()) if isinstance(left_out, Sequence) else whitened()
+    if isinstance(left_out, Sequence):
+        return jacobian, list(whitened(left_out)) if left_out else []
+    return jacobian, (scaled for one in left_out for scaled in whitened([one]))
 
 
 def _spanned_at_statements(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Bools
+from inercal.estimation.singular_values import column_lengths
 
 Places = slice | NDArray[np.intp]
 
@@ -93,7 +94,7 @@ def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bo
         result = np.full((trials, k, k), np.nan)
         for t, a in enumerate(rows * weight[..., None]):
             stacked = np.concatenate([a, prior_rows])
-            size = _column_lengths(stacked)
+            size = column_lengths(stacked)
             triangle: Array = np.linalg.qr(stacked / size)[1]
             if _is_regular(triangle):
                 inverse = np.linalg.inv(triangle) / size[:, None]
@@ -133,12 +134,6 @@ def moves(
     return move, predicted, ok
 
 
-def _column_lengths(stacked: Array) -> Array:
-    """Return the length of each column, 1 where it is zero."""
-    size = np.linalg.norm(stacked, axis=0)
-    return np.where(size > 0, size, 1.0)
-
-
 def _is_regular(triangle: Array) -> bool:
     diagonal = np.abs(np.diagonal(triangle))
     square = triangle.shape[0] == triangle.shape[1]
@@ -154,7 +149,7 @@ def _solve_by_qr(
     for t in range(trials):
         stacked = np.concatenate([rows[t], prior_rows])
         right = np.concatenate([u[t], v[t]])
-        size = _column_lengths(stacked)
+        size = column_lengths(stacked)
         damped = np.concatenate([stacked / size, np.sqrt(damping[t]) * np.eye(k)])
         q, triangle = np.linalg.qr(damped)
         if not _is_regular(triangle):

@@ -1,17 +1,24 @@
 """Decorators of kernels that compile sooner and call one another without overhead.
 
 A kernel of these allocates nothing, and so counts no references to arrays: its caller allocates
-what it works with.
+what it works with. Only this module names options and parts of Numba that are not public; the
+version of Numba is limited for their sake.
 """
+# Numba has no types.
+# pyright: reportUnknownMemberType=false
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.core import event
 
-_OPTIONS: dict[str, Any] = {
+KERNEL_OPTIONS: dict[str, Any] = {
     "cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True,
 }  # fmt: skip
+INNER_OPTIONS: dict[str, Any] = {**KERNEL_OPTIONS, "no_cpython_wrapper": True}
+"""Of a function that only kernels call: a call from Python would end the process."""
 # Numba has no types for these options.
 _compile: Any = njit
 F = TypeVar("F", bound=Callable[..., object])
@@ -19,7 +26,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 def kernel(function: F) -> F:
     """Compile a function that Python may call."""
-    result: F = _compile(**_OPTIONS, nogil=True)(function)
+    result: F = _compile(**KERNEL_OPTIONS, nogil=True)(function)
     return result
 
 
@@ -28,7 +35,7 @@ def kernel_step(function: F) -> F:
 
     It has no wrapper for Python, which takes longer to compile than a function of many arrays.
     """
-    result: F = _compile(**_OPTIONS, no_cpython_wrapper=True)(function)
+    result: F = _compile(**INNER_OPTIONS)(function)
     return result
 
 
@@ -37,7 +44,7 @@ def kernel_piece(function: F) -> F:
 
     A call hands over each array of its tuples, hundreds of numbers.
     """
-    result: F = _compile(**_OPTIONS, no_cpython_wrapper=True, inline="always")(function)
+    result: F = _compile(**INNER_OPTIONS, inline="always")(function)
     return result
 
 
@@ -46,5 +53,27 @@ def kernel_value(function: F) -> F:
 
     So the compiler can keep what it returns, such as a tuple of nine numbers, in registers.
     """
-    result: F = _compile(**_OPTIONS, no_cpython_wrapper=True, forceinline=True)(function)
+    result: F = _compile(**INNER_OPTIONS, forceinline=True)(function)
     return result
+
+
+class _CompilationListener(event.Listener):
+    def __init__(self, told: Callable[[], None]):
+        self._told = told
+
+    def on_start(self, event: object) -> None:
+        self._told()
+
+    def on_end(self, event: object) -> None:
+        pass
+
+
+@contextmanager
+def compilation_told(told: Callable[[], None]) -> Generator[None]:
+    """Call a function each time that something is compiled, and not loaded, in the block."""
+    listener = _CompilationListener(told)
+    event.register("numba:compile", listener)
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", listener)

@@ -24,6 +24,7 @@ import scipy
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.estimation.singular_values import column_lengths
 
 _RANGE = float(np.log(1e4))  # of s, either way
 _EXACT = 1e-6  # of ln s
@@ -55,8 +56,7 @@ class WhitenedRows(NamedTuple):
             Norm of the whitened residual that each change leaves.
         """
         rows = np.concatenate([self.jacobian, self.prior_jacobian])
-        size = np.linalg.norm(rows, axis=0)
-        size = np.where(size > 0, size, 1.0)
+        size = column_lengths(rows)
         white = np.concatenate([self.whiten(change), np.zeros((len(self.prior), change.shape[1]))])
         q, triangle = np.linalg.qr(rows / size)
         taken = q.T @ white
@@ -102,8 +102,7 @@ def noise_scale(
         None if the residuals of these observations do not depend on their noise, or are as large as
         chance makes them at this level.
     """
-    size = np.linalg.norm(np.concatenate([rows.jacobian, rows.prior_jacobian]), axis=0)
-    size = np.where(size > 0, size, 1.0)
+    size = column_lengths(np.concatenate([rows.jacobian, rows.prior_jacobian]))
     a, r = rows.jacobian[chosen] / size, rows.residual[chosen]
     other = np.concatenate([rows.jacobian[~chosen], rows.prior_jacobian]) / size
     left = np.concatenate([rows.residual[~chosen], rows.prior])

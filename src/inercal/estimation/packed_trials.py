@@ -6,13 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
 from inercal.estimation import gauss_newton_steps
 from inercal.estimation.nullspace import Observability
 from inercal.estimation.problem import NormalEquations, Problem
 from inercal.estimation.result import Estimate
 from inercal.estimation.search import Bools, merge
-from inercal.estimation.whitened_problem import gauge_basis
+from inercal.estimation.whitened_problem import (
+    gauge_basis,
+    noise_error,
+    prior_equations,
+    prior_targets,
+    require_finite,
+)
 
 
 class PackedPoint(NamedTuple):
@@ -47,40 +52,22 @@ class PackedTrials:
         self.problem, self.trials, self._of = problem, trials, problem.normal_equations
         self.reweighted = callable(problem.noise)
         self.basis, start = gauge_basis(problem)
-        rows = [prior.rows(problem.names) for prior in problem.priors]
-        none = np.zeros((0, len(problem.names)))
-        self._prior_full = np.concatenate([none, *(one for one, _ in rows)])
-        self._prior_rows = self._prior_full if self.basis is None else self._prior_full @ self.basis
-        targets = [np.broadcast_to(target, (trials, target.shape[-1])) for _, target in rows]
-        self._target = np.concatenate([np.zeros((trials, 0)), *targets], axis=-1)
+        self._prior_full, self._prior_rows, targets = prior_equations(problem, self.basis)
+        self._target = prior_targets(targets, trials)
         self.first = self._point(
             np.broadcast_to(start, (trials, start.shape[-1])), np.arange(trials)
         )
         self.m = self.first.residual.shape[-1]
-        self._check_start()
+        require_finite(self.first.residual)
+        positive = np.isfinite(self.first.weight).all(axis=0)
+        if not positive.all():
+            raise noise_error(problem, int(np.flatnonzero(~positive)[0]))
 
     @property
     def dof(self) -> int:
         """Degrees of freedom."""
         fixed = 0 if self.basis is None else self.basis.shape[0] - self.basis.shape[1]
         return self.m + len(self._prior_rows) + fixed - len(self.problem.names)
-
-    def _check_start(self) -> None:
-        if not np.isfinite(self.first.residual).all():
-            raise InputError(
-                "a residual or a derivative of the model is not finite at the start values; "
-                "check the readings and the stated values for extreme numbers",
-                key="linearise",
-            )
-        positive = np.isfinite(self.first.weight).all(axis=0)
-        if not positive.all():
-            bad = int(np.flatnonzero(~positive)[0])
-            label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
-            raise InputError(
-                f"the standard deviation of observation {label} is not positive; give one above 0",
-                key="noise",
-                names=(label,),
-            )
 
     def _point(self, x: Array, which: NDArray[np.intp]) -> PackedPoint:
         """Return the point of the trials at these places, at x of their own."""
@@ -147,10 +134,7 @@ class PackedTrials:
             whitened=point.whitened,
             observations=self.problem.observations,
             wanted=self.problem.wanted,
-            rank=structure.rank,
-            singular_values=structure.singular_values,
-            null_directions=structure.null_directions,
-            weakest=structure.weakest,
+            **structure._asdict(),
             converged=converged & exists,
             iterations=iterations,
         )

@@ -30,6 +30,7 @@ import scipy
 
 from inercal.basics.arrays import Array
 from inercal.estimation.scores import chi2_tail_probability
+from inercal.estimation.singular_values import column_lengths
 
 _LEVEL = 0.95
 _CALM = 0.99  # a share taken by chance would state too little
@@ -66,8 +67,7 @@ def chi_squared(residual: Array, jacobian: Array, whiten: Callable[[Array], Arra
         From (m, k) to the same whitened.
     """
     both = whiten(np.column_stack([jacobian, residual]))
-    size = np.linalg.norm(both[:, :-1], axis=0)
-    both[:, :-1] /= np.where(size > 0, size, 1.0)
+    both[:, :-1] /= column_lengths(both[:, :-1])
     triangle: Array = np.asarray(np.linalg.qr(both, mode="r"), dtype=np.float64)
     p = jacobian.shape[1]
     return float(np.sum(triangle[p:, p] ** 2))

@@ -39,7 +39,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.run_file_advice import Change
 from inercal.estimation.lazy_value import LazyValue
 
-Kind = Literal["coefficient", "bench", "row", "time"]
+CandidateKind = Literal["coefficient", "bench", "row", "time"]
 
 SIGNIFICANCE_LEVEL = 0.01  # of all tests of one estimate together
 SCORE_TEST_SHARE = 0.8  # of the level, for the scores; the rest is for χ² and the method's tests
@@ -117,7 +117,7 @@ class ModelTest(NamedTuple):
     @property
     def p_value(self) -> float:
         """Probability of a statistic at least as large where the model holds."""
-        return float(scipy.special.chdtrc(self.dof, self.statistic)) if self.dof > 0 else 1.0
+        return chi2_tail_probability(self.statistic, self.dof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ class Candidate:
     """
 
     name: str
-    kind: Kind
+    kind: CandidateKind
     components: tuple[str, ...]
     units: tuple[str, ...]
     rows: Array
@@ -162,6 +162,8 @@ class Candidate:
     def without_zero_components(self) -> "Candidate":
         """Return the candidate without the components that act on no observation."""
         acting = np.flatnonzero(np.any(self.rows != 0.0, axis=0))
+        if acting.size == len(self.components):
+            return self
         return replace(
             self,
             components=tuple(self.components[k] for k in acting),
@@ -233,7 +235,7 @@ class ScoreTest:
     """
 
     name: str
-    kind: Kind
+    kind: CandidateKind
     components: tuple[str, ...]
     units: tuple[str, ...]
     size: Array
@@ -251,7 +253,7 @@ class ScoreTest:
     @property
     def p_value(self) -> float:
         """Probability of a fall of χ² at least as large where the candidate is zero."""
-        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+        return chi2_tail_probability(self.chi2, self.dof)
 
     @property
     def is_implausible(self) -> bool:

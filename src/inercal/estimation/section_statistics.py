@@ -183,7 +183,8 @@ def analyse_sections(
         slope is tested against those of its own length alone.
     """
     r = len(sections)
-    size = _rms_contrasts(sections)
+    every = np.concatenate([level for one in sections for level in one.levels])
+    size = np.sqrt(np.mean(every**2, axis=0))  # the rms contrast of each channel, (m,)
     used = np.flatnonzero(size > 0)
     if not used.size or not r:
         unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
@@ -250,12 +251,6 @@ class _ReferenceNoise(NamedTuple):
     correlation: NoiseCorrelation
     white: float  # over all sections' scale
     dof: float
-
-
-def _rms_contrasts(sections: Sequence[Contrasts]) -> Array:
-    """Return the rms contrast of each channel, (m,)."""
-    every: Array = np.concatenate([level for one in sections for level in one.levels])
-    return np.asarray(np.sqrt(np.mean(every**2, axis=0)), dtype=np.float64)
 
 
 def _changes(

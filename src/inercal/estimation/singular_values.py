@@ -1,4 +1,4 @@
-"""Singular value decomposition, also where the usual algorithm does not converge."""
+"""Lengths of columns, and a singular value decomposition that always converges."""
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 
@@ -7,6 +7,12 @@ from typing import cast
 import numpy as np
 
 from inercal.basics.arrays import Array
+
+
+def column_lengths(matrix: Array) -> Array:
+    """Return the length of each column of a matrix, (m, n), and 1 where it is zero."""
+    size = np.linalg.norm(matrix, axis=0)
+    return np.where(size > 0, size, 1.0)
 
 
 def svd(matrix: Array, *, full_matrices: bool = True) -> tuple[Array, Array, Array]:

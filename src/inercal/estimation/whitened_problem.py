@@ -5,6 +5,7 @@ with gauges C x = d its columns span the null space of C (scaled), so every x is
 Inside, everything carries the axis of trials; a problem without one has a single trial.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -55,13 +56,11 @@ class WhitenedProblem:
         self.problem = problem
         p = len(problem.names)
         self.basis, start = gauge_basis(problem)
-        rows = [prior.rows(problem.names) for prior in problem.priors]
-        self.prior_full = np.concatenate([np.zeros((0, p)), *(b for b, _ in rows)])
-        self.prior_rows = self.prior_full if self.basis is None else self.prior_full @ self.basis
+        self.prior_full, self.prior_rows, targets = prior_equations(problem, self.basis)
 
         with np.errstate(all="ignore"):
             residual, jacobian = problem.linearise(start)
-        leads = [a.shape[:-1] for a in (start, residual, *(target for _, target in rows))]
+        leads = [a.shape[:-1] for a in (start, residual, *targets)]
         leads.append(jacobian.shape[:-2])
         if any(len(lead) > 1 for lead in leads):
             raise InputError(
@@ -91,15 +90,9 @@ class WhitenedProblem:
                 f"{self.m}, {p})",
                 key="linearise",
             )
-        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
-            raise InputError(
-                "a residual or a derivative of the model is not finite at the start values; "
-                "check the readings and the stated values for extreme numbers",
-                key="linearise",
-            )
+        require_finite(residual, jacobian)
 
-        targets = [np.broadcast_to(c, (self.trials, c.shape[-1])) for _, c in rows]
-        self.prior_target = np.concatenate([np.zeros((self.trials, 0)), *targets], axis=-1)
+        self.prior_target = prior_targets(targets, self.trials)
         self.start = np.broadcast_to(start, (self.trials, p))
         noise = problem.noise(start) if callable(problem.noise) else problem.noise
         self.first_whitener = self._whitener(noise)
@@ -164,13 +157,8 @@ class WhitenedProblem:
         if noise.shape[-1:] != (m,) or noise.shape[:-1] not in leads:
             raise self._noise_shape_error(noise, f"standard deviations (..., {m})")
         if not np.all(np.isfinite(noise) & (noise > 0)):
-            bad: int = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
-            label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
-            raise InputError(
-                f"the standard deviation of observation {label} is not positive; give one above 0",
-                key="noise",
-                names=(label,),
-            )
+            bad = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
+            raise noise_error(self.problem, bad)
         return Whitener(1 / noise.reshape(-1, m), full=False)
 
     def _noise_shape_error(self, noise: Array, expected: str) -> InputError:
@@ -179,6 +167,39 @@ class WhitenedProblem:
             f"1 or {self.trials}",
             key="noise",
         )
+
+
+def prior_equations(problem: Problem, basis: Array | None) -> tuple[Array, Array, list[Array]]:
+    """Return the whitened rows of all priors, by x and by free coordinates, and their targets."""
+    rows = [prior.rows(problem.names) for prior in problem.priors]
+    full = np.concatenate([np.zeros((0, len(problem.names))), *(one for one, _ in rows)])
+    return full, full if basis is None else full @ basis, [target for _, target in rows]
+
+
+def prior_targets(targets: Sequence[Array], trials: int) -> Array:
+    """Return the whitened means of all priors, (trials, b)."""
+    whole = [np.broadcast_to(one, (trials, one.shape[-1])) for one in targets]
+    return np.concatenate([np.zeros((trials, 0)), *whole], axis=-1)
+
+
+def require_finite(*values: Array) -> None:
+    """Refuse residuals or derivatives at the start that are not finite."""
+    if not all(np.isfinite(one).all() for one in values):
+        raise InputError(
+            "a residual or a derivative of the model is not finite at the start values; "
+            "check the readings and the stated values for extreme numbers",
+            key="linearise",
+        )
+
+
+def noise_error(problem: Problem, bad: int) -> InputError:
+    """Return the refusal of the noise of an observation, by its place."""
+    label = problem.observations[bad] if problem.observations else f"{bad}"
+    return InputError(
+        f"the standard deviation of observation {label} is not positive; give one above 0",
+        key="noise",
+        names=(label,),
+    )
 
 
 def gauge_basis(problem: Problem) -> tuple[Array | None, Array]:

@@ -18,32 +18,31 @@ from inercal.calibration import Calibration
 from inercal.export.cost import Cost, Loss, costs, losses, possible_samples, sample
 from inercal.export.header import header_lines
 from inercal.export.model import export_model
-from inercal.export.options import resolve_options
 from inercal.export.ranges import Range, calibrated_ranges
-from inercal.export.target_definition import Request, Target
+from inercal.export.target_definition import Request, Target, resolve_options
 from inercal.physics.quantities import QUANTITIES
 
 TARGETS: Registry[Target] = Registry(
     "inercal.exports",
     "target",
     {
-        name: f"inercal.export.targets.{module}:TARGET"
-        for name, module in {
-            "kalibr": "kalibr",
-            "openvins": "openvins",
-            "imu_calib": "imu_calib",
-            "px4": "px4",
-            "ardupilot": "ardupilot",
-            "vectornav": "vectornav",
-            "adis": "adis",
-            "imu_tk": "imu_tk",
-            "imucal": "imucal",
-            "c": "c_header",
-            "c_fixed": "c_fixed",
-            "cpp": "cpp_header",
-            "matlab": "matlab",
-            "python": "python_module",
-            "csv": "table",
+        name: f"inercal.export.targets.{place}"
+        for name, place in {
+            "kalibr": "kalibr:KALIBR",
+            "openvins": "kalibr:OPENVINS",
+            "imu_calib": "imu_calib:TARGET",
+            "px4": "px4:TARGET",
+            "ardupilot": "ardupilot:TARGET",
+            "vectornav": "vectornav:TARGET",
+            "adis": "adis:TARGET",
+            "imu_tk": "imu_tk:TARGET",
+            "imucal": "imucal:TARGET",
+            "c": "c_headers:C",
+            "c_fixed": "c_fixed:TARGET",
+            "cpp": "c_headers:CPP",
+            "matlab": "scripts:MATLAB",
+            "python": "scripts:PYTHON",
+            "csv": "table:TARGET",
         }.items()
     },
 )
@@ -119,7 +118,7 @@ def export_calibration(
         an error that is above U or not known, with `lossless`.
     """
     target = TARGETS.find(to)
-    resolved = resolve_options(target, options or {})
+    resolved = resolve_options(target.name, target.options, options or {})
     ranges = calibrated_ranges(calibration, force=force, rate=rate, temperature=temperature)
     model = export_model(calibration, axes)
     samples = sample(model, ranges)

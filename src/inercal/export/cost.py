@@ -10,7 +10,6 @@ error is the motion by the target minus the motion by `correct`; U is the expand
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
-from typing import Literal
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from inercal.export.ranges import Ranges, sample_motions
 from inercal.export.target_definition import Rendering, Target
 from inercal.export.term_kinds import DERIVATIVES, WORDS, kinds_of
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import Basis
 
@@ -46,7 +45,7 @@ class Cost:
         Whether the error of a component exceeds both its U and rounding somewhere in the range.
     """
 
-    measures: Literal["f", "w"]
+    measures: Measures
     largest: float
     rms: float
     expanded: float
@@ -70,7 +69,7 @@ class Loss:
         Why the effect is unknown; else empty.
     """
 
-    measures: Literal["f", "w"]
+    measures: Measures
     word: str
     names: tuple[str, ...]
     effect: float
@@ -177,7 +176,7 @@ def losses(
     sensor, values = model.sensor, model.calibration.values
     complete = sensor.forward(samples.motion, values)
     warmed = bool(np.any(samples.dT))
-    groups: dict[tuple[Literal["f", "w"], str, str], list[int]] = {}
+    groups: dict[tuple[Measures, str, str], list[int]] = {}
     for k, (measures, kind, order) in enumerate(kinds_of(sensor)):
         held = kind in holds.get(measures, ())
         if kind == "bias_temperature" and order > target.temperature_order:

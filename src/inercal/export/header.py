@@ -75,7 +75,8 @@ def header_lines(
     lines += [_loss_text(one) for one in losses] or [
         "the target holds every coefficient of the calibration"
     ]
-    lines += _cost_lines("this file", costs, ranges, model)
+    lines.append(_range_text(ranges, model))
+    lines += [_cost_text("error of this file", one) for one in costs]
     if with_bias:
         lines += [_cost_text("the same with the biases below subtracted", c) for c in with_bias]
         lines += [
@@ -131,7 +132,7 @@ def _loss_text(one: Loss) -> str:
     return f"NOT held: {one.word} ({shown}), {one.effect_text}"
 
 
-def _cost_lines(what: str, costs: Sequence[Cost], ranges: Ranges, model: ExportModel) -> list[str]:
+def _range_text(ranges: Ranges, model: ExportModel) -> str:
     kinds = {kind for kind, _ in model.triads}
     parts: list[str] = []
     for kind, name, (low, high) in (("f", "force", ranges.force), ("w", "rate", ranges.rate)):
@@ -143,7 +144,7 @@ def _cost_lines(what: str, costs: Sequence[Cost], ranges: Ranges, model: ExportM
         parts.append(f"{low:.4g} to {high:.4g} degC")
     elif model.sensor.uses("dT"):
         parts.append(f"{_celsius(model):.4g} degC only: no range of temperature is stated")
-    return [f"range: {'; '.join(parts)}", *[_cost_text(f"error of {what}", c) for c in costs]]
+    return f"range: {'; '.join(parts)}"
 
 
 def _cost_text(what: str, one: Cost) -> str:
@@ -153,8 +154,7 @@ def _cost_text(what: str, one: Cost) -> str:
         against += "; the error exceeds U somewhere in the range"
     return (
         f"{what} in {QUANTITIES[one.measures].name} against the calibration: at most "
-        f"{one.largest:.3g} "
-        f"{unit} per component, rms {one.rms:.3g}{against}"
+        f"{one.largest:.3g} {unit} per component, rms {one.rms:.3g}{against}"
     )
 
 

@@ -21,7 +21,7 @@ from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
 from inercal.export.term_kinds import LINEAR, kinds_of
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Readout, Sensor
 
 
@@ -95,9 +95,9 @@ class ExportModel:
         return self.calibration.sensor
 
     @cached_property
-    def triads(self) -> tuple[tuple[Literal["f", "w"], Triad], ...]:
+    def triads(self) -> tuple[tuple[Measures, Triad], ...]:
         """The triads that there are, accelerometers first."""
-        found: list[tuple[Literal["f", "w"], Triad]] = []
+        found: list[tuple[Measures, Triad]] = []
         if self.accelerometer is not None:
             found.append(("f", self.accelerometer))
         if self.gyro is not None:
@@ -138,7 +138,7 @@ class ExportModel:
         parts = {"f": motion.f, "w": motion.w}
         return np.concatenate([parts[kind] @ self.turn.T for kind, _ in self.triads], axis=-1)
 
-    def require(self, kind: Literal["f", "w"], target: str) -> Triad:
+    def require(self, kind: Measures, target: str) -> Triad:
         """Return a triad that the target needs.
 
         Raises
@@ -151,8 +151,7 @@ class ExportModel:
                 return triad
         raise InputError(
             f"{target} holds {QUANTITIES[kind].sensors}, and sensor {self.sensor.name} has "
-            "none; choose "
-            "another target",
+            "none; choose another target",
             names=self.sensor.channels,
         )
 

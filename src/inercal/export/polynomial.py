@@ -8,7 +8,7 @@ The number of passes that the calibrated range needs is written as a constant, s
 tests no convergence. n is written out from the declarations of the basis functions.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -40,25 +40,20 @@ class Dialect:
     ----------
     number : callable
         float -> text.
-    component : callable
-        (what, index) -> text; `what` is "f" or "w", the index 0 to 2.
-    sign : callable
-        Name of a variable -> its sign.
+    component : str
+        Component of the motion, with {} for its index.
+    sign : str
+        Sign of a variable, with {0} for its name.
     times : str
+    first : int
+        The first index of the language.
     """
 
     number: Callable[[float], str]
-    component: Callable[[str, int], str]
-    sign: Callable[[str], str]
-    times: str = "*"
-
-
-@dataclass(frozen=True)
-class Statement:
-    """`name = expression`."""
-
-    name: str
-    expression: str
+    component: str
+    sign: str
+    times: str = " * "
+    first: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +162,8 @@ def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
     return np.concatenate([change[:, list(t.rows)] * t.signs for _, t in model.triads], axis=-1)
 
 
-def statements(model: ExportModel, dialect: Dialect) -> tuple[list[Statement], list[str]]:
-    """Return auxiliary variables, and the expression of s n for each channel ("" where it is 0).
+def statements(model: ExportModel, dialect: Dialect) -> tuple[dict[str, str], list[str]]:
+    """Return auxiliary variables by name, and the expression of s n for each channel, "" for 0.
 
     `dT` is the temperature from the reference, K.
     """
@@ -179,6 +174,8 @@ def statements(model: ExportModel, dialect: Dialect) -> tuple[list[Statement], l
     lines: list[str] = []
     scales = model.joined("scale")
     channel = 0
+    # Where the components of each kind of motion begin; one that is not measured is 0.
+    starts = {kind: dialect.first + 3 * k for k, (kind, _) in enumerate(model.triads)}
     for _, triad in model.triads:
         for row, sign in zip(triad.rows, triad.signs.tolist(), strict=True):
             axis = sensor.axes[row]
@@ -189,31 +186,38 @@ def statements(model: ExportModel, dialect: Dialect) -> tuple[list[Statement], l
                 for product in sensor.coefficient(name).basis.products:
                     size = sign * scales[channel] * values[name] * product.factor
                     factors = [
-                        _variable(one, directions, axis.measures, dialect, made)
+                        _variable(one, directions, axis.measures, dialect, starts, made)
                         for one in product.components
                     ]
                     parts.append(dialect.times.join([dialect.number(float(size)), *factors]))
             lines.append(" + ".join(parts))
             channel += 1
-    return [Statement(name, text) for name, text in made.items()], lines
+    return made, lines
 
 
 def _variable(
-    component: str, directions: Array, measures: str, dialect: Dialect, made: dict[str, str]
+    component: str,
+    directions: Array,
+    measures: str,
+    dialect: Dialect,
+    starts: Mapping[str, int],
+    made: dict[str, str],
 ) -> str:
     """Return the variable of a component of the motion along an axis, added to `made` once."""
     if component == "dT":
         return "dT"
     if component in ("si", "swi"):
-        along = _variable("fi" if component == "si" else "wi", directions, measures, dialect, made)
-        made.setdefault(f"sign_{along}", dialect.sign(along))
+        axis = "fi" if component == "si" else "wi"
+        along = _variable(axis, directions, measures, dialect, starts, made)
+        made.setdefault(f"sign_{along}", dialect.sign.format(along))
         return f"sign_{along}"
     kind, k = component[0], _COMPONENTS[component]
     # Only the input axis of the own kind is tilted by the misalignments.
     vector = directions[k if kind == measures or k else 3]
     parts = np.flatnonzero(np.abs(vector) > _PARALLEL).tolist()
     for j in parts:
-        made.setdefault(f"{kind}{j}", dialect.component(kind, j))
+        at = dialect.component.format(starts[kind] + j) if kind in starts else dialect.number(0.0)
+        made.setdefault(f"{kind}{j}", at)
     if len(parts) == 1 and vector[parts[0]] > 0:
         return f"{kind}{parts[0]}"
     if len(parts) == 1:

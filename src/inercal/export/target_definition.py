@@ -1,13 +1,18 @@
 """What a target of `inercal export` declares, as data, and what it returns."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import parse_quantity
 from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges
 from inercal.export.term_kinds import TermKind
+
+_WORDS: dict[type, str] = {int: "a whole number", float: "a number", str: "a text"}
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,69 @@ class TargetOption:
     kind: type[int] | type[float] | type[str] = float
     like: str = ""
     choices: tuple[str, ...] = ()
+
+
+def resolve_options(
+    of: str, options: Sequence[TargetOption], stated: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the value of every option of a target, or of a format to import.
+
+    Parameters
+    ----------
+    of : str
+        Name of the target or of the format.
+    options : sequence of TargetOption
+    stated : mapping of str to object
+        Texts or values by name.
+
+    Raises
+    ------
+    InputError
+        An unknown option, a missing one, or a value that the option does not take.
+    """
+    known = {one.name: one for one in options}
+    for name in stated:
+        if name not in known:
+            raise InputError(
+                f"{of} has no option {name!r}; it has {', '.join(known) or 'no options'}",
+                key="--set",
+                names=(name,),
+            )
+    missing = [one for one in options if one.required and stated.get(one.name) is None]
+    if missing:
+        needs = "; ".join(f"--set {one.name}=… ({one.meaning})" for one in missing)
+        raise InputError(
+            f"{of} needs {needs}",
+            key="--set",
+            names=tuple(one.name for one in missing),
+        )
+    return {
+        one.name: one.default if (value := stated.get(one.name)) is None else _value(one, value)
+        for one in options
+    }
+
+
+def _value(option: TargetOption, value: Any) -> Any:
+    try:
+        if option.like and isinstance(value, str):
+            return parse_quantity(value, like=option.like).value
+        if option.choices:
+            if value not in option.choices:
+                raise ValueError(f"give {' or '.join(option.choices)}")
+            return value
+        if option.kind is int:
+            return int(value, 0) if isinstance(value, str) else int(value)
+        found = option.kind(value)
+        if isinstance(found, float) and not math.isfinite(found):
+            raise ValueError
+        return found
+    except InputError as error:
+        raise error.located(f"--set {option.name}", key="--set") from None
+    except (TypeError, ValueError) as error:
+        what = str(error) if option.choices else f"{option.meaning}: give {_WORDS[option.kind]}"
+        raise InputError(
+            f"--set {option.name}={value}: {what}", key="--set", names=(option.name,)
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -126,6 +194,6 @@ class Target:
     suffix: str
     holds: Mapping[str, frozenset[TermKind]]
     render: Callable[[Request], Rendering]
-    options: tuple[TargetOption, ...] = field(default=())
+    options: tuple[TargetOption, ...] = ()
     temperature_order: int = 0
     named_by_function: bool = False

@@ -15,10 +15,10 @@
 from typing import Literal
 
 from inercal.basics.keys import CoefficientName
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
-Measures = Literal["f", "w"]
 TermKind = Literal[
     "bias",
     "scale",

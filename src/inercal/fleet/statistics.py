@@ -25,8 +25,13 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.components import Components, variance_components
 from inercal.estimation.uncertainty.conformity import RESULTS, DecisionRule, judge
-from inercal.estimation.uncertainty.outliers import LEAST_ROWS, NAMED_BY_CHANCE, find_outliers
-from inercal.estimation.uncertainty.robust import robust_scale, squared_distances
+from inercal.estimation.uncertainty.robust import (
+    LEAST_ROWS,
+    NAMED_BY_CHANCE,
+    find_outliers,
+    robust_scale,
+    squared_distances,
+)
 from inercal.fleet.contrasts import Contrast, marked, station_differences, trend
 from inercal.fleet.control_chart import ControlChart, control_charts
 from inercal.fleet.population import Grouping, Indices, Mask, Population

@@ -26,7 +26,7 @@ from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.rotary_table import AxisLimits, RotaryTable
-from inercal.host.link import CONNECT_TIMEOUT, open_link
+from inercal.host.link import CONNECT_TIMEOUT, host_and_port, open_link
 
 # What these bring with them takes longer to load than the guard, which opens a table, to start.
 if TYPE_CHECKING:
@@ -235,13 +235,11 @@ class _AddressParameters:
                 f"possible: {_TABLES}"
             )
         parts = urlsplit(self.address)
-        try:
-            port = parts.port or port
-        except ValueError:
-            port = None
-        if not parts.hostname or not port or parts.path not in ("", "/") or parts.username:
+        place = host_and_port(parts, port)
+        if place is None or parts.path not in ("", "/") or parts.username:
             raise InputError(f"{self.address!r} has no valid host and port; possible: {_TABLES}")
-        host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+        host, port = place
+        host = f"[{host}]" if ":" in host else host
         return f"tcp://{host}:{port}"
 
     def _take(self, key: str, example: str) -> str:

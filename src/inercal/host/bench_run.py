@@ -15,16 +15,17 @@ its own with its own connection. Both are software; the hardware interlock is th
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from math import degrees, inf, isfinite
+from math import degrees, inf
 from time import monotonic, sleep
 from typing import Literal, Self
 
 import numpy as np
 
 from inercal.basics.errors import InercalError, InputError
+from inercal.benches.motion_control import SpinTask, TurnTask
 from inercal.benches.turntable import require_turntable
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
-from inercal.host.assembly.clock_matching import CLOCK_LOST
+from inercal.host.assembly.poll_record import CLOCK_LOST
 from inercal.host.assembly.rate_polls import RatePlausibility
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
@@ -35,26 +36,24 @@ from inercal.host.clock import (
     SimulatedClock,
     read_host_uptime,
 )
-from inercal.host.drivers.rotary_table import RotaryTable, TableFault, TableState
+from inercal.host.drivers.rotary_table import TableFault, TableState
 from inercal.host.guard import Guard
-from inercal.host.imu_receiver import ImuReceiver
-from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks
+from inercal.host.imu_port import ImuReceiver
+from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks, ReadbackWarnings
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
-from inercal.host.mounting_prompt import MountingPrompt, MountingRequest
-from inercal.host.options import DEFAULT_OPTIONS, RunOptions
-from inercal.host.readback_warnings import ReadbackWarnings
-from inercal.host.recorder import PIECE_MAX, LogEnd, RunRecorder
+from inercal.host.plan_check import require_feasible_plan
+from inercal.host.recorder import PIECE_MAX, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
 from inercal.host.sequencer import Sequencer
-from inercal.host.spin_sequencer import SpinSequencer
+from inercal.host.spin_sequencer import MountingPrompt, MountingRequest, SpinSequencer
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
 from inercal.host.table_state_codec import pack_state
 from inercal.host.task_sequencer import Command
-from inercal.host.tasks import HostPlan, SpinTask, TurnTask, host_plan
+from inercal.host.tasks import DEFAULT_OPTIONS, HostPlan, RunOptions, host_plan
 
 SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
 _PACKET_TIMEOUT = 5.0  # s
@@ -129,7 +128,7 @@ class BenchRun:
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
             # What was sensed before was checked by the host of then, and may be mended since.
-            self._checked_from = self.recorder.assembly.last_reading_time
+            self._checked_from = self.recorder.assembly.table.last
             # Before the table hears anything: another run may be commanding it.
             opened.enter_context(TableLock(addresses.table, f"run {folder.path.resolve()}"))
             # A simulated table may wait for a machine that is busy.
@@ -144,15 +143,17 @@ class BenchRun:
                 if plan.spins
                 else ReadingPlausibility(require_turntable(run))
             )
-            self._require_feasible_plan()
+            require_feasible_plan(self.tasks, self._table.limits, bench)
             patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self._interruptions = Interruptions(
                 self.sequencer, self._guard, self._stop, self._go_on, self._say
             )
             self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
-            self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
-            self._mounting.restore()
+            self._mounting: MountingPrompt | None = None
+            if isinstance(self.sequencer, SpinSequencer):  # a table of angles has no mountings
+                self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
+                self._mounting.restore()
             # A simulated bench stands still from here on: the port opens between two packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
@@ -194,12 +195,12 @@ class BenchRun:
     @property
     def needs_new_run(self) -> bool:
         """Resuming is of no use: the clocks of the devices can no longer be matched."""
-        return self._clocks_lost or self.recorder.assembly.imu_mismatch is not None
+        return self._clocks_lost or self.recorder.assembly.imu.mismatch is not None
 
     @property
     def mounting_request(self) -> MountingRequest | None:
         """The mounting that waits for a confirmation, or None."""
-        return self._mounting.request
+        return self._mounting.request if self._mounting else None
 
     @property
     def has_mountings(self) -> bool:
@@ -208,11 +209,13 @@ class BenchRun:
 
     def call_before_request(self, drop: Callable[[], object]) -> None:
         """Have a function called in the run's thread before each request for a mounting."""
-        self._mounting.before_request = drop
+        if self._mounting:
+            self._mounting.before_request = drop
 
     def confirm_mounting(self, number: int, mounting: str, by: str) -> None:
         """Confirm a mounting for the request `number`, from whichever thread."""
-        self._mounting.confirm(number, mounting, by)
+        if self._mounting:
+            self._mounting.confirm(number, mounting, by)
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
         """Ask for something, from whichever thread; it is done within a tick."""
@@ -229,7 +232,7 @@ class BenchRun:
                 self._clock.begin(self._next)
                 # The watchdog of a host that was killed may be stopping the table still.
                 self._wait_for_rest()
-                self._require_idle_table()
+                self._table_driver.require_idle()
                 # A device that has set its clock anew is reported before anything moves.
                 self._wait_for_dates()
                 self._begin_checks()
@@ -243,9 +246,7 @@ class BenchRun:
             except InercalError as error:
                 self._interruptions.end(str(error))
         self._process_pending()
-        for warning in self._readback_warnings.finish(
-            self.recorder.assembly.recording_start or 0.0
-        ):
+        for warning in self._readback_warnings.find(self.recorder.assembly.recording_start or 0.0):
             self._say("warning", warning)
         self._end_time = monotonic()
         done = self.sequencer.phase == "done" and not self.trouble
@@ -266,7 +267,8 @@ class BenchRun:
         self.time = tick.time
         self._guard.beat()
         self._interruptions.follow_host(0.0 if self._before_start else late)
-        self._mounting.update(self.time if self.state is None else self.state.time)
+        if self._mounting:
+            self._mounting.update(self.time if self.state is None else self.state.time)
         self._send_commands()
         fresh = self._read()
         heard = self._imu.take(tick)
@@ -373,28 +375,11 @@ class BenchRun:
         """See that the IMU's packets can be dated; end the run where they cannot."""
         self._process_pending()
         until = self.time + _DATING_TIMEOUT
-        while self.recorder.assembly.waits_for_dates and self.time < until:
+        while self.recorder.assembly.imu.waits_for_dates and self.time < until:
             self._tick()
             self._process_pending()
-        if (words := self.recorder.assembly.imu_mismatch) is not None:
+        if (words := self.recorder.assembly.imu.mismatch) is not None:
             self._interruptions.end(words)
-
-    def _require_idle_table(self) -> None:
-        """Refuse a table that turns before the run has commanded anything.
-
-        Raises
-        ------
-        TableFault
-            Its servo turns an axis.
-        """
-        state = None if self._table_driver.at_rest else self.state
-        for name, axis in zip(self.axes, state.axes if state is not None else (), strict=False):
-            if axis.enabled and axis.moving:
-                raise TableFault(
-                    f"axis {name} turns at {degrees(axis.rate):.3g} °/s before this run has "
-                    "commanded anything: another program commands the table; end it first",
-                    names=(name,),
-                )
 
     def _check_rest_with_gyros(self) -> None:
         """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
@@ -418,7 +403,7 @@ class BenchRun:
             self._clocks_lost = set(error.names) >= CLOCK_LOST
             self._interruptions.end(str(error))
             return
-        if (mismatch := self.recorder.assembly.imu_mismatch) is not None:
+        if (mismatch := self.recorder.assembly.imu.mismatch) is not None:
             self._imu.set_trouble(mismatch, self.time)
         packets = self.recorder.assembly.tally.bytes.packets
         if packets > self._packets[0] or not self._imu.is_receiving:
@@ -437,7 +422,7 @@ class BenchRun:
         fresh = block.track.slice(old, block.table.size).with_known_angles
         words = self._interlocks.check_gyros(fresh)
         begin = self.recorder.assembly.recording_start or 0.0
-        for warning in self._readback_warnings.feed(fresh, begin):
+        for warning in self._readback_warnings.find(begin, fresh):
             self._say("warning", warning)
         self._last_checks.record("gyros", self.time)
         if words is not None and not self._gyros_disagree:
@@ -449,7 +434,7 @@ class BenchRun:
     def _open_clock(self, addresses: DeviceAddresses) -> tuple[Clock, LastChecks]:
         """Return the bench's clock, and how often the interlocks must run by it."""
         if not addresses.clock:
-            start = _resumed_time(self.recorder.log_end, self._table)
+            start = self.recorder.log_end.resumed_time(self._table)
             return MonotonicClock(start), LastChecks()
         # A simulated bench waits for its host, who may work through seconds of it at once.
         ticks = 3 * HOLD_POLL_FACTOR * self._poll
@@ -473,19 +458,6 @@ class BenchRun:
     def _create_interlocks(self) -> Interlocks:
         return Interlocks(self._table.limits, self._bench, self.sensor, self._options.temperature)
 
-    def _require_feasible_plan(self) -> None:
-        """Refuse a plan that the controller would refuse, and limits that nothing is held to."""
-        held = self._bench.axis_motion_limits
-        for task in self.tasks:
-            if isinstance(task, SpinTask):
-                self._table.limits[0].check(self.axes[0], task.rate, held[0].acceleration)
-                continue
-            for name, most, of, *angles in zip(
-                self.axes, self._table.limits, held, task.start, task.end, strict=True
-            ):
-                for angle in angles:
-                    most.check(name, task.rate or of.rate, of.acceleration, angle)
-
     def _record_session(self) -> None:
         self._plausibility.restart()
         uptime = None if self._is_simulated else read_host_uptime()
@@ -503,14 +475,8 @@ class BenchRun:
 
     def __exit__(self, *_: object) -> None:
         try:
-            if not self._table_driver.at_rest:
-                self._clock.close()  # a simulated bench goes on by itself then
-                if (words := self._table_driver.release_to_guard()) is not None:
-                    self._interruptions.add(words)
-        except BaseException:
-            # Who does not wait for it, by another Ctrl-C, does not call it off.
-            self._guard.release_to_guard()
-            raise
+            driver = self._table_driver
+            driver.leave(self._clock, self._interruptions.add, at_rest=driver.at_rest)
         finally:
             self._open_resources.close()
 
@@ -520,30 +486,12 @@ def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | 
     limits, names = plan.bench.axis_motion_limits, plan.bench.names
     if plan.spins:
         spins = [task for task in plan.tasks if isinstance(task, SpinTask)]
-        return SpinSequencer(spins, limits, first, names, mounting)
+        sequencer = SpinSequencer(spins, limits, first, names)
+        sequencer.mounting = mounting
+        return sequencer
     turns = [task for task in plan.tasks if isinstance(task, TurnTask)]
     return Sequencer(turns, limits, first, names)
 
 
 def _show_nothing(run: BenchRun) -> None:
     """Show nothing."""
-
-
-def _resumed_time(end: LogEnd, table: RotaryTable) -> float:
-    """Return the run's time now, s: from the end of its log on, without a look at the date.
-
-    How long the run was without a host is told by the host's uptime; where the host has been
-    started anew, by the table's clock, up to one wrap of it; else it counts for nothing, and the
-    IMU's counter, which does not agree then, is reported.
-    """
-    now = read_host_uptime()
-    if end.session is not None and now is not None and end.session[1].boot == now.boot:
-        time, then = end.session
-        return max(end.time, time + now.seconds - then.seconds)
-    if end.poll is None or not isfinite(controller := table.read().time):
-        return end.time
-    time, before = end.poll
-    passed = controller - before
-    if isfinite(table.wrap_period):
-        passed %= table.wrap_period
-    return max(end.time, time + passed)

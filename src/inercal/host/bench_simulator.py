@@ -107,7 +107,7 @@ class BenchSimulator(Closeable):
         self.addresses = DeviceAddresses(self.table, self.imu, self.clock or "")
 
     def inject_fault(self, which: Literal["table", "imu"], words: str) -> None:
-        """Tell a process a fault; see `sim.simulator_process.execute_commands` and `sim.mimu`.
+        """Tell a process a fault; see `sim.server.execute_commands` and `sim.mimu`.
 
         Raises
         ------

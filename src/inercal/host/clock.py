@@ -183,10 +183,13 @@ class SimulatedClock:
         try:
             self._socket.sendall(line)
         except OSError as error:
-            raise LinkLost(
-                f"{self._address}: the connection to the simulated bench is lost: "
-                f"{error.strerror or error}; begin a new run"
-            ) from error
+            raise self._lost(error) from error
+
+    def _lost(self, error: OSError) -> LinkLost:
+        return LinkLost(
+            f"{self._address}: the connection to the simulated bench is lost: "
+            f"{error.strerror or error}; begin a new run"
+        )
 
     def _answer(self) -> Tick:
         while b"\n" not in self._received:
@@ -198,10 +201,7 @@ class SimulatedClock:
                     f"{_ANSWER_TIMEOUT} s; begin a new run"
                 ) from error
             except OSError as error:
-                raise LinkLost(
-                    f"{self._address}: the connection to the simulated bench is lost: "
-                    f"{error.strerror or error}; begin a new run"
-                ) from error
+                raise self._lost(error) from error
             if not data:
                 raise LinkLost(
                     f"{self._address}: the simulated bench has closed the connection; begin a new "

@@ -20,8 +20,7 @@ from inercal.basics.errors import InercalError
 from inercal.host.bench_run import BenchRun
 from inercal.host.bench_simulator import start_bench_simulator
 from inercal.host.packets import read_layout
-from inercal.host.run_completion import finish_run
-from inercal.host.run_execution import RunInterrupted, execute_run
+from inercal.host.run_execution import RunInterrupted, execute_run, finish_run
 from inercal.host.run_folder import create_run, prepare_folder
 from inercal.host.sim.mimu import mean_drift, packet_rate
 from inercal.host.sim.simulated_errors import draw_errors

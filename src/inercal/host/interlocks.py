@@ -10,10 +10,14 @@ directions of the axes in the body::
 A share of the rate is left to scale factors, and the 5 °/s to biases and to the readback's latency.
 An interlock that has not run for 0.5 s protects nothing: that alone stops the table (`LastChecks`).
 No safety function: that is the hardware interlock.
+
+`ReadbackWarnings` are what an operator is told of a readback that the gyros contradict, by the
+comparison of the recording (`gyro_comparison`). They say what the readback does, not why, and stop
+nothing: what is dangerous, the interlocks stop.
 """
 
 from collections.abc import Sequence
-from math import degrees, isfinite, nan, radians
+from math import degrees, inf, isfinite, nan, radians
 from typing import Literal
 
 import numpy as np
@@ -24,6 +28,7 @@ from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches.motion_control import ControlledBench
 from inercal.benches.turntable import Turntable, is_turntable
 from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.reading.gyro_comparison import GyroComparison
 from inercal.benches.turntable.reading.implied_rates import gyro_rates, half_window, table_rates
 from inercal.host.drivers.rotary_table import AxisLimits, TableState
 from inercal.physics.sensors import Sensor
@@ -275,3 +280,52 @@ class Interlocks:
             self._since.pop(what, None)
             return False
         return now - self._since.setdefault(what, now) > most
+
+
+_INTERVAL = 60.0  # s between warnings of one kind
+
+
+class ReadbackWarnings:
+    """The comparison of one run.
+
+    Parameters
+    ----------
+    bench : ControlledBench
+        Only of a turntable there are angles to compare.
+    sensor : Sensor
+    """
+
+    def __init__(self, bench: ControlledBench, sensor: Sensor):
+        self._bench, self._sensor = bench, sensor
+        self._said: dict[str, float] = {}  # s of the run, of the last warning of a kind
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew, as the recording does."""
+        bench = self._bench
+        self._comparison = (
+            GyroComparison(bench, self._sensor, bench.latency.value)
+            if is_turntable(bench)
+            else None
+        )
+
+    def find(self, begin: float, track: Track | None = None) -> list[str]:
+        """Return warnings of the windows that samples complete, or of the last samples.
+
+        Parameters
+        ----------
+        begin : float
+            s of the run when the track's time is 0.
+        track : Track, optional
+            Of one trial, with known angles; it follows the one before. None at the end.
+        """
+        if self._comparison is None:
+            return []
+        found = self._comparison.finish() if track is None else self._comparison.feed(track)
+        result: list[str] = []
+        for one in found:
+            if one.stop - self._said.get(one.kind, -inf) >= _INTERVAL:
+                self._said[one.kind] = one.stop
+                shown = one._replace(start=one.start + begin, stop=one.stop + begin)
+                result.append(shown.describe(self._bench.names))
+        return result

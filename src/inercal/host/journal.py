@@ -13,7 +13,7 @@ from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError
@@ -163,8 +163,7 @@ class Journal(Closeable):
 
     def header(self) -> JournalHeader:
         """Return what the journal is of."""
-        with _sqlite_errors_as_input_errors(self.path):
-            row = self._db.execute("SELECT * FROM run").fetchone()
+        row, *_ = self._rows("SELECT * FROM run") or [None]
         if row is None:
             raise InputError(
                 f"{self.path}: the journal is damaged, because it names no run; restore it from a "
@@ -192,9 +191,8 @@ class Journal(Closeable):
 
     def completed_steps(self) -> int:
         """Return how many steps are done: the number of the one to go on with."""
-        with _sqlite_errors_as_input_errors(self.path):
-            found = self._db.execute("SELECT max(step) + 1 FROM section WHERE what = 'done'")
-            return found.fetchone()[0] or 0
+        ((following,),) = self._rows("SELECT max(step) + 1 FROM section WHERE what = 'done'")
+        return following or 0
 
     def record_mounting(self, step: int, mounting: str, time: float) -> None:
         """Keep that an operator has confirmed a mounting before a step, at a time of the table."""
@@ -202,11 +200,10 @@ class Journal(Closeable):
 
     def mounting(self) -> str:
         """Return how the sensor is mounted, as last confirmed; "" where nothing was confirmed."""
-        with _sqlite_errors_as_input_errors(self.path):
-            found = self._db.execute(
-                "SELECT label FROM section WHERE what = ? ORDER BY id DESC LIMIT 1", (_MOUNTED,)
-            ).fetchone()
-            return found[0] if found else ""
+        found = self._rows(
+            "SELECT label FROM section WHERE what = ? ORDER BY id DESC LIMIT 1", _MOUNTED
+        )
+        return found[0][0] if found else ""
 
     def record_event(self, level: str, words: str, time: float | None = None) -> None:
         """Keep an event: a level and words as of `JournalEvent`, s of the run."""
@@ -217,11 +214,10 @@ class Journal(Closeable):
 
     def events(self, after: int = 0) -> tuple[JournalEvent, ...]:
         """Return the events that follow so many, the first first."""
-        with _sqlite_errors_as_input_errors(self.path):
-            rows = self._db.execute(
-                "SELECT at, time, level, words FROM event WHERE id > ? ORDER BY id", (after,)
-            )
-            return tuple(JournalEvent(*row) for row in rows)
+        rows = self._rows(
+            "SELECT at, time, level, words FROM event WHERE id > ? ORDER BY id", after
+        )
+        return tuple(JournalEvent(*row) for row in rows)
 
     def record_file(self, name: str, size: int, sha256: str) -> None:
         """Keep the size and the SHA-256 of a file that the run left."""
@@ -229,9 +225,12 @@ class Journal(Closeable):
 
     def files(self) -> dict[str, tuple[int, str]]:
         """Return size and SHA-256 of each file."""
+        rows = self._rows("SELECT name, size, sha256 FROM file ORDER BY name")
+        return {name: (size, sha256) for name, size, sha256 in rows}
+
+    def _rows(self, what: str, *values: object) -> list[tuple[Any, ...]]:
         with _sqlite_errors_as_input_errors(self.path):
-            rows = self._db.execute("SELECT name, size, sha256 FROM file ORDER BY name")
-            return {name: (size, sha256) for name, size, sha256 in rows}
+            return self._db.execute(what, values).fetchall()
 
     def _execute(self, what: str, *values: object) -> None:
         with _sqlite_errors_as_input_errors(self.path), self._db:

@@ -194,10 +194,10 @@ def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: 
             return False
 
 
-def host_and_port(parts: SplitResult) -> tuple[str, int] | None:
+def host_and_port(parts: SplitResult, default: int | None = None) -> tuple[str, int] | None:
     """Return where an address leads; None where it lacks either, or has a port that is none."""
     try:
-        host, port = parts.hostname, parts.port
+        host, port = parts.hostname, parts.port or default
     except ValueError:
         return None
     return (host, port) if host and port else None

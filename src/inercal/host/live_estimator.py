@@ -1,14 +1,39 @@
-"""Live estimation: the sequential estimator of the method processes the samples of a run."""
+"""Live estimation: the sequential estimator of the method processes the samples of a run.
+
+`Navigator` computes attitude and velocity from the corrected readings alone, to be compared with
+those of the table. Level frame: east, north, up; C takes the body's frame to it. Between samples
+the means of their readings serve, with the second-order term of coning, as in the gyros' filter.
+Attitude and velocity are taken from the table at the first sample of each hold and after a gap;
+through a hold the velocity stays zero. While the table turns, the readback's latency is in the
+difference.
+"""
 
 from collections.abc import Mapping
 from functools import partial
-from math import nan
+
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+from math import asin, atan2, degrees, nan
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
 from inercal.host.assembly import SampleBlock
+from inercal.host.tasks import required_rate
 from inercal.methods import METHODS, PartialEstimate
+from inercal.methods.turntable.model import ARCSEC
+from inercal.methods.turntable.small_matrices import copy_matrix
+from inercal.methods.turntable.strapdown import rotate, rotation_error
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.inverse import inverse
+from inercal.recordings import Track
 from inercal.runfile import Run
 
 
@@ -38,7 +63,7 @@ class LiveEstimator:
     """
 
     def __init__(self, run: Run):
-        begin, rate_hz = run.method.sequential, run.rate_hz
+        begin = run.method.sequential
         if begin is None:
             able = [name for name, one in METHODS.items() if one.sequential is not None]
             raise InputError(
@@ -48,12 +73,7 @@ class LiveEstimator:
                 key="[method] name",
                 names=(run.method.name,),
             )
-        if rate_hz is None:
-            raise InputError(
-                f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
-                file=run.path,
-                key="[data] rate",
-            )
+        rate_hz = required_rate(run)
         self.names, self.time = run.sensor.coefficients, nan
         self._indices: dict[tuple[str, ...], list[int]] = {}  # of names of parts
         self._start_estimator = partial(
@@ -95,3 +115,136 @@ class LiveEstimator:
             at = self._indices[one.names]
             self.values[at] = one.value
             self.std[at] = np.sqrt(np.diagonal(one.covariance))
+
+
+def is_whole_imu(sensor: Sensor) -> bool:
+    """Tell whether a sensor has triads of accelerometers and of gyros, as `Navigator` needs."""
+    return all(len(sensor.select_axes(kind).axes) == 3 for kind in ("f", "w"))
+
+
+class NavigationSolution(NamedTuple):
+    """Where the readings say that the body is, at one sample.
+
+    Parameters
+    ----------
+    time : float
+        s of the recording.
+    attitude : (3, 3) array
+        C, body to level.
+    roll, pitch, heading : float
+        Degrees; heading of the body's y axis, clockwise from north, pitch of it upward, roll about
+        it.
+    velocity : (3,) array
+        m/s east, north, up since the last hold.
+    rotation_error : (3,) array
+        ″ about east, north and up by which the table's attitude is ahead.
+    is_hold : bool
+    """
+
+    time: float
+    attitude: Array
+    roll: float
+    pitch: float
+    heading: float
+    velocity: Array
+    rotation_error: Array
+    is_hold: bool
+
+
+class Navigator:
+    """Follows the body by readings of one IMU on one table.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Triads of accelerometers and of gyros.
+    bench : Turntable
+    """
+
+    def __init__(self, sensor: Sensor, bench: Turntable):
+        self._sensor, self._bench = sensor, bench
+        self._earth, self._gravity = earth_rate_level_frame(bench), bench.gravity.value
+        self._c, self._v = np.eye(3), np.zeros(3)
+        self._last_motion = np.zeros((2, 3))  # f and ω of the sample before
+        self._time, self._last_hold = -np.inf, -1
+
+    def feed(self, track: Track, values: Array) -> NavigationSolution:
+        """Return where the body is at the last of the samples that follow.
+
+        Parameters
+        ----------
+        track : Track
+            Of one trial, with a sample at least.
+        values : (p,) array
+            The sensor's coefficients by which readings are corrected, SI.
+        """
+        sensed = inverse(self._sensor, track.reading, values)
+        f, w = np.ascontiguousarray(sensed.f), np.ascontiguousarray(sensed.w)
+        before = np.concatenate([[self._time], track.time[:-1]])
+        held = np.concatenate([[self._last_hold], track.hold[:-1]])
+        gap = track.time - before > MAX_GAP_SECONDS
+        anew = np.flatnonzero(gap | ((track.hold >= 0) & (track.hold != held)))
+        aligned = reference_attitude(self._bench, track.angles[anew])
+        _integrate_samples(
+            track.time, f, w, track.hold, anew, aligned, self._time,
+            self._last_motion, self._c, self._v, self._earth, self._gravity,
+        )  # fmt: skip
+        self._last_motion = np.stack([f[-1], w[-1]])
+        self._time, self._last_hold = float(track.time[-1]), int(track.hold[-1])
+        off = np.empty(3)
+        rotation_error(reference_attitude(self._bench, track.angles[-1:])[0], self._c, off)
+        c = self._c.copy()
+        return NavigationSolution(
+            self._time,
+            c,
+            degrees(atan2(-c[2, 0], c[2, 2])),
+            degrees(asin(min(max(c[2, 1], -1.0), 1.0))),
+            degrees(atan2(c[0, 1], c[1, 1])) % 360.0,
+            self._v.copy(),
+            off / ARCSEC,
+            self._last_hold >= 0,
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _integrate_samples(
+    time: Array,
+    f: Array,
+    w: Array,
+    hold: NDArray[np.int64],
+    anew: NDArray[np.int64],
+    aligned: Array,
+    now: float,
+    sensed: Array,
+    c: Array,
+    v: Array,
+    earth: Array,
+    gravity: float,
+) -> None:
+    """Carry C and the velocity over samples, in place; at those `anew` C is as `aligned`."""
+    turn, half = np.empty(3), np.empty((3, 3))
+    wanted = 0
+    for i in range(time.size):
+        if wanted < anew.size and anew[wanted] == i:
+            copy_matrix(aligned[wanted], c)
+            v[:] = 0.0
+            wanted += 1
+        else:
+            f0 = sensed[0] if i == 0 else f[i - 1]
+            w0 = sensed[1] if i == 0 else w[i - 1]
+            dt = time[i] - now
+            for k in range(3):
+                a, b = (k + 1) % 3, (k + 2) % 3
+                around = c[0, k] * earth[0] + c[1, k] * earth[1] + c[2, k] * earth[2]
+                coning = w0[a] * w[i, b] - w0[b] * w[i, a]
+                turn[k] = (0.5 * (w0[k] + w[i, k]) - around) * dt + coning * dt * dt / 12
+            copy_matrix(c, half)
+            rotate(half, 0.5 * turn)
+            rotate(c, turn)
+            for k in range(3):
+                v[k] -= gravity * dt if k == 2 else 0.0
+                for j in range(3):
+                    v[k] += half[k, j] * 0.5 * (f0[j] + f[i, j]) * dt
+            if hold[i] >= 0:
+                v[:] = 0.0
+        now = time[i]

@@ -1,10 +1,13 @@
-"""Checks before anything moves whether the method would accept what a run of a plan leaves."""
+"""Checks before anything moves whether a method accepts what a plan leaves, a table the plan."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from inercal.basics.errors import InputError, NotObserved
+from inercal.benches.motion_control import ControlledBench, SpinTask, Task
 from inercal.benches.turntable import is_turntable
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, settling_time
+from inercal.host.drivers.rotary_table import AxisLimits
 from inercal.physics.plan import Position
 from inercal.pipeline.design.turntable_path import turntable_path_sheet
 from inercal.runfile import Run
@@ -59,3 +62,30 @@ def check_plan(run: Run) -> tuple[str, ...]:
     undecided = "; ".join(sheet.undecided)
     lacking = f"the plan does not determine all coefficients: {undecided}" if undecided else ""
     return tuple(filter(None, (lacking, *sheet.warnings)))
+
+
+def require_feasible_plan(
+    tasks: Sequence[Task], limits: Sequence[AxisLimits], bench: ControlledBench
+) -> None:
+    """Refuse a plan that the controller would refuse, and limits that nothing is held to.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    limits : sequence of AxisLimits
+        As the controller is set.
+    bench : ControlledBench
+
+    Raises
+    ------
+    InputError
+        Naming the axis.
+    """
+    names, held = bench.names, bench.axis_motion_limits
+    for task in tasks:
+        if isinstance(task, SpinTask):
+            limits[0].check(names[0], task.rate, held[0].acceleration)
+            continue
+        for name, most, of, *angles in zip(names, limits, held, task.start, task.end, strict=True):
+            for angle in angles:
+                most.check(name, task.rate or of.rate, of.acceleration, angle)

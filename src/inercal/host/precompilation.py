@@ -15,26 +15,23 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from subprocess import DEVNULL, Popen
-from typing import Literal
 
 import numpy as np
-from numba.core import event
 
 from inercal.basics.errors import InercalError
 from inercal.basics.process_settings import prepare_process
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import Turntable, require_turntable
-from inercal.benches.turntable.attitude import motion
 from inercal.estimation import Gaussian
+from inercal.estimation.kernel_options import compilation_told
 from inercal.host.assembly import SampleAssembler
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
-from inercal.host.navigation import Navigator
+from inercal.host.live_estimator import Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout, encode
-from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state
-from inercal.physics.motion import Motion
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Track
 from inercal.runfile import Run, read
@@ -44,7 +41,7 @@ _REST = 22.0  # s, longer than a sequential estimator should wait before it begi
 _POLL = 0.02  # s
 _CLOCKS_MATCHED = 7.0  # s, after which the clocks are tied to one another
 _SECOND_PIECE = 2.0  # s that follow in a piece of their own
-_TRIAD = 3
+_AT_REST = (0.0, 0.0, G0, 0.0, 0.0, 0.0)  # m/s² and rad/s, nearly: that it compiles is enough
 _ROOM_TEMPERATURE = 298.15  # K
 _LAST_SAMPLES = 10  # samples of the rest that are followed by themselves
 
@@ -80,7 +77,7 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
     checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
     for track in tracks:
         checks.check_gyros(track)
-    if all(len(run.sensor.select_axes(kind).axes) == _TRIAD for kind in ("f", "w")):
+    if is_whole_imu(run.sensor):
         navigator = Navigator(run.sensor, table)
         for track in tracks:
             navigator.feed(track, np.zeros(len(run.sensor.coefficients)))
@@ -91,23 +88,21 @@ def _compile_estimator(run: Run) -> None:
     sensor = run.sensor
     if len({axis.measures for axis in sensor.axes}) > 1:
         other = _ParallelCompilation(run)
-        event.register("numba:compile", other)
-        try:
+        with compilation_told(other.start):
             _follow_part(run, "w")
-        finally:
-            event.unregister("numba:compile", other)
         other.wait()
     _follow_rest(run, sensor, run.priors)
 
 
-class _ParallelCompilation(event.Listener):
+class _ParallelCompilation:
     """Follows the accelerometers from when something here is compiled and not loaded."""
 
     def __init__(self, run: Run):
         self._run = run
         self._process: Popen[bytes] | None = None
 
-    def on_start(self, event: object) -> None:
+    def start(self) -> None:
+        """Start, unless it has started."""
         if self._process is None:
             command = [
                 sys.executable,
@@ -118,16 +113,13 @@ class _ParallelCompilation(event.Listener):
             ]
             self._process = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
 
-    def on_end(self, event: object) -> None:
-        pass
-
     def wait(self) -> None:
         """Wait for its end: what it compiled is then loaded here."""
         if self._process is not None:
             self._process.wait()
 
 
-def _follow_part(run: Run, kind: Literal["f", "w"]) -> None:
+def _follow_part(run: Run, kind: Measures) -> None:
     """Follow a part of the sensor; a method that takes the sensor as a whole may refuse that."""
     with suppress(InercalError):
         _follow_rest(run, run.sensor.select_axes(kind), ())
@@ -184,12 +176,12 @@ def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFram
         frames.append(LogFrame(TABLE, time, pack_state(TableState(time, (rests,) * k))))
     taken = np.arange(0.0, lasting, 1 / run.rate_hz)
     n = max(round(run.rate_hz * _POLL), 1)
-    readings = _rest_readings(run)
+    readings = np.tile(_AT_REST, (n, 1))
     step = int(layout.step or 1)
     for first in range(0, taken.size, n):
         part = taken[first : first + n]
         counter = (first + np.arange(part.size)) * step
-        data = encode(layout, np.tile(readings, (part.size, 1)), counter, part, _ROOM_TEMPERATURE)
+        data = encode(layout, readings[: part.size], counter, part, _ROOM_TEMPERATURE)
         frames.append(LogFrame(IMU, float(part[-1]), data))
     return sorted(frames, key=lambda one: one.time)
 
@@ -198,25 +190,9 @@ def _event_frame(time: float, told: dict[str, object]) -> LogFrame:
     return LogFrame(EVENT, time, json.dumps(told).encode())
 
 
-def _rest_readings(run: Run) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-    """Return what packets hold of a rest, (6,), in the order of `AXES`."""
-    sensor, control = run.sensor, require_motion_control(run)
-    if control.has_attitude:
-        zero = np.zeros((1, len(control.readback(run.bench))))
-        sensed = motion(require_turntable(run), zero, zero, zero, {})
-    else:
-        sensed = Motion(np.array([[0.0, 0.0, G0]]), np.zeros((1, 3)))
-    found = sensor.forward(sensed, np.zeros(len(sensor.coefficients)))[0]
-    readings = np.zeros(len(AXES))
-    places = {"f": iter(range(3)), "w": iter(range(3, 6))}
-    for axis, value in zip(sensor.axes, found, strict=True):
-        readings[next(places[axis.measures])] = value
-    return readings
-
-
 def _rest_track(sensor: Sensor, table: Turntable) -> Track:
     time = np.arange(0.0, _REST, 1 / _RATE)
-    n, sensed = time.size, {"f": (0.0, 0.0, G0), "w": (0.0, 0.0, 0.0)}
+    n, sensed = time.size, {"f": _AT_REST[:3], "w": _AT_REST[3:]}
     reading = [sensed[axis.measures][k % 3] for k, axis in enumerate(sensor.axes)]
     angles = np.zeros((n, len(table.names)))
     return Track(time, np.tile(reading, (n, 1)), angles, np.zeros(n, dtype=np.int64))

@@ -17,11 +17,11 @@ from inercal.basics.errors import InercalError
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly import SampleAssembler, SampleBlock
-from inercal.host.clock import HostUptime
+from inercal.host.clock import HostUptime, read_host_uptime
 from inercal.host.closeable import Closeable
+from inercal.host.drivers.rotary_table import RotaryTable
 from inercal.host.journal import Journal
-from inercal.host.live_estimator import LiveEstimator
-from inercal.host.navigation import NavigationSolution, Navigator
+from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
@@ -32,7 +32,6 @@ from inercal.host.task_sequencer import SectionEvent
 _PIECE_MIN, PIECE_MAX = 0.2, 5.0
 _PIECE_WALL = 0.1  # s of the wall's
 _RECENT_COUNT = 8  # events, and blocks, that are at hand
-_TRIAD = 3
 _LOSS_WARNING_INTERVAL = 60.0  # s
 _IMU_LATENCY = (
     0.05  # s from a sample to its bytes' arrival, at most: a USB converter's and a tick's
@@ -55,6 +54,25 @@ class LogEnd(NamedTuple):
     time: float = 0.0
     poll: tuple[float, float] | None = None
     session: tuple[float, HostUptime] | None = None
+
+    def resumed_time(self, table: RotaryTable) -> float:
+        """Return the run's time now, s: from the end of its log on, without a look at the date.
+
+        How long the run was without a host is told by the host's uptime; where the host has been
+        started anew, by the table's clock, up to one wrap of it; else it counts for nothing, and
+        the IMU's counter, which does not agree then, is reported.
+        """
+        now = read_host_uptime()
+        if self.session is not None and now is not None and self.session[1].boot == now.boot:
+            time, then = self.session
+            return max(self.time, time + now.seconds - then.seconds)
+        if self.poll is None or not isfinite(controller := table.read().time):
+            return self.time
+        time, before = self.poll
+        passed = controller - before
+        if isfinite(table.wrap_period):
+            passed %= table.wrap_period
+        return max(self.time, time + passed)
 
 
 class RunRecorder(Closeable):
@@ -98,10 +116,9 @@ class RunRecorder(Closeable):
         # Packets hold no temperature of each sample: coefficients of it are found afterwards.
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live_estimator = LiveEstimator(run) if self._estimates else None
-        whole = all(len(run.sensor.select_axes(kind).axes) == _TRIAD for kind in ("f", "w"))
         # Without readback there is no attitude of the table to begin from and to compare with.
         has_attitude = require_motion_control(run).has_attitude
-        navigates = whole and has_attitude and require_turntable(run).readback
+        navigates = is_whole_imu(run.sensor) and has_attitude and require_turntable(run).readback
         self._new_navigator = lambda: (
             Navigator(run.sensor, require_turntable(run)) if navigates else None
         )

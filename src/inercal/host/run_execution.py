@@ -1,14 +1,31 @@
-"""Executes a plan, from connecting the devices to rest, for terminal, page and demonstration."""
+"""Executes a plan, from connecting the devices to rest, for terminal, page and demonstration.
 
-from collections.abc import Callable
+A run whose plan is carried out is completed by `finish_run`: it makes the recording, the
+calibration, the report, and their digests.
+"""
+
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from inercal.basics.errors import InercalError
-from inercal.host.addresses import DeviceAddresses
+from inercal.calibration.files import save
+from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import SHOW_INTERVAL, BenchRun
-from inercal.host.journal import Journal
-from inercal.host.options import DEFAULT_OPTIONS, RunOptions
+from inercal.host.journal import NOTE_LEVEL, Journal
+from inercal.host.live_estimator import LiveEstimator
+from inercal.host.recording_writer import write_recording
 from inercal.host.run_folder import RunFolder
+from inercal.host.run_log import file_sha256
+from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
+from inercal.pipeline import Outcome, calibrate
+from inercal.recordings.io.simulation_mark import SIMULATION_OF
+from inercal.report import write_report
 
 
 class RunInterrupted(InercalError):
@@ -84,3 +101,114 @@ def _interrupted(reason: str, folder: RunFolder, run: BenchRun) -> RunInterrupte
         return RunInterrupted(reason, can_be_resumed=True)
     words = reason if advice in reason else f"{reason}; {advice}"
     return RunInterrupted(words, can_be_resumed=False)
+
+
+if TYPE_CHECKING:
+    from inercal.laboratory.store import SensorHistory
+
+
+_LARGE_DIFFERENCE = 4.0  # standard deviations of the live estimate
+
+
+class FinishedRun(NamedTuple):
+    """The outcome, and the files of the run by what they are."""
+
+    outcome: Outcome
+    files: dict[str, str]
+
+
+def finish_run(
+    folder: RunFolder,
+    journal: Journal,
+    live: LiveEstimator | None = None,
+    load_history: "Callable[[], SensorHistory | None]" = lambda: None,
+    truth: Callable[[Outcome], Mapping[str, float]] | None = None,
+) -> FinishedRun:
+    """Write recording, calibration and report of a run that is done, and keep their digests.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    journal : Journal
+    live : LiveEstimator, optional
+        Its values are compared with those of the recording, and the journal says how they agree.
+    load_history : callable, optional
+        Called when the calibration is written: it gives the sensor's history for the report.
+    truth : callable, optional
+        Returns the true coefficients, SI, for the report; those of the run file where left out.
+
+    Raises
+    ------
+    InercalError
+        The recording cannot be calibrated; recording and log are kept all the same.
+    """
+    run = folder.run
+    was = journal.header()
+    about = {"table": was.table, "imu": was.imu, "begun": was.begun, "inercal": version("inercal")}
+    # The log may be gigabytes: it is read for its digest once.
+    came = file_sha256(folder.log)
+    layout = layout_of_address(was.imu)
+    # A simulated bench has a clock of its own.
+    simulation = f"{SIMULATION_OF}a bench with the clock {was.clock}" if was.clock else ""
+    recording = write_recording(
+        run, layout, folder.log, folder.path, about, was.poll, came, simulation
+    )
+    files = {"run_file": run.path, "log": folder.log, "recording": recording}
+    _record_file(journal, folder.log, came)
+    _record_file(journal, run.path)
+    _record_file(journal, recording)
+    outcome = _with_notes(calibrate(run), journal)
+    if live is not None and live.has_estimate:
+        _compare_live_estimate(journal, live, outcome, expected=run.method.final_by_recording)
+    files["calibration_file"] = save(outcome.calibration, folder.output_path("calibration.json"))
+    report = folder.output_path("report.html")
+    true = run.truth if truth is None else truth(outcome)
+    files["report"] = write_report(outcome, report, true or None, load_history())
+    _record_file(journal, files["calibration_file"])
+    _record_file(journal, files["report"])
+    journal.set_state("done")
+    named = {kind: str(path) for kind, path in files.items()}
+    return FinishedRun(outcome, named | {"journal": str(folder.journal)})
+
+
+def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
+    """Return the outcome with what the operator wrote, by the time of the run, as conditions."""
+    notes = {
+        f"note {number}" + ("" if one.time is None else f", {one.time:.0f} s"): one.words
+        for number, one in enumerate(
+            (one for one in journal.events() if one.level == NOTE_LEVEL), start=1
+        )
+    }
+    if not notes:
+        return outcome
+    conditions = {**outcome.calibration.conditions, **notes}
+    return replace(outcome, calibration=replace(outcome.calibration, conditions=conditions))
+
+
+def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> None:
+    """Keep the size and the digest of a file, which is read for it unless it is given."""
+    journal.record_file(path.name, path.stat().st_size, sha256 or file_sha256(path))
+
+
+def _compare_live_estimate(
+    journal: Journal, live: LiveEstimator, outcome: Outcome, *, expected: bool
+) -> None:
+    """Enter in the journal how far the live estimate differs from that of the recording.
+
+    `expected`: a difference is no warning, as the method has another estimator for the recording.
+    """
+    names, value = outcome.estimate.names, outcome.estimate.value
+    found = np.array([value[names.index(name)] for name in live.names])
+    known = np.isfinite(live.values)
+    if not known.any() or np.array_equal(live.values[known], found[known]):
+        words = "the live estimate is that of the recording, to the last bit"
+        journal.record_event("info", words)
+        return
+    apart = np.abs(live.values - found)[known] / live.std[known]
+    k = int(apart.argmax())
+    name = [one for one, shown in zip(live.names, known, strict=True) if shown][k]
+    journal.record_event(
+        "info" if expected and apart[k] < _LARGE_DIFFERENCE else "warning",
+        f"the live estimate differs from that of the recording by up to {apart[k]:.2g} of its "
+        f"standard deviations ({name})",
+    )

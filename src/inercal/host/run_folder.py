@@ -44,40 +44,6 @@ class RunFolder:
     run: Run
 
     @classmethod
-    def create(
-        cls, path: str | os.PathLike[str], run: Run, content: bytes | None = None
-    ) -> "RunFolder":
-        """Make a folder for a run, with copies of its run file and the file of its path.
-
-        Parameters
-        ----------
-        path : path
-        run : Run
-        content : bytes, optional
-            Of the run file, where its copy shall say something else.
-
-        Raises
-        ------
-        InputError
-            It cannot be made, or holds a run or a file of a name that the run's are given.
-        """
-        path = Path(path)
-        prepare_folder(path)
-        copied = run.path.name, *_referenced_files(run.path)
-        result = (f"{run.path.stem}.{kind}" for kind in _OUTPUT_KINDS)
-        for name in (*copied, LOG, run.data.file, *result):
-            if (path / name).exists():
-                raise InputError(
-                    f"{path} holds {name} already; name another folder", file=path, names=(name,)
-                )
-        with os_errors_as_input_errors(path, "made"):
-            for name in copied:
-                given = content if name == run.path.name else None
-                with atomic_write(path / name) as temporary:
-                    temporary.write_bytes(given or (run.path.parent / name).read_bytes())
-        return cls(path, read(path / run.path.name))
-
-    @classmethod
     def open_existing(cls, path: str | os.PathLike[str], run_file: str) -> "RunFolder":
         """Return the folder of a run that is there, by the name of its run file."""
         return cls(Path(path), read(Path(path) / run_file))
@@ -133,6 +99,8 @@ def create_run(
 ) -> tuple[RunFolder, Journal]:
     """Make the folder of a run and its journal, before anything moves.
 
+    The folder has copies of the run file and of the file of its path.
+
     Parameters
     ----------
     path : path
@@ -151,10 +119,23 @@ def create_run(
         file is none of a bench run, or its plan cannot be carried out.
     """
     require_recordable(run, layout_of_address(addresses[1]))
-    folder = RunFolder.create(path, run, content)
+    path, name = Path(path), run.path.name
+    prepare_folder(path)
+    copied = name, *_referenced_files(run.path)
+    result = (f"{run.path.stem}.{kind}" for kind in _OUTPUT_KINDS)
+    for one in (*copied, LOG, run.data.file, *result):
+        if (path / one).exists():
+            raise InputError(
+                f"{path} holds {one} already; name another folder", file=path, names=(one,)
+            )
+    with os_errors_as_input_errors(path, "made"):
+        for one in copied:
+            given = content if one == name else None
+            with atomic_write(path / one) as temporary:
+                temporary.write_bytes(given or (run.path.parent / one).read_bytes())
+    folder = RunFolder.open_existing(path, name)
     with folder.removed_on_failure():
-        name, count = run.path.name, len(run.steps)
-        journal = Journal.create(folder.journal, name, addresses, poll, count)
+        journal = Journal.create(folder.journal, name, addresses, poll, len(run.steps))
         config = folder.run.filter
         if config is not None and (changes := config.describe_changes(folder.run.estimator)):
             journal.record_event("info", f"filter keys changed: {changes}")

@@ -12,7 +12,7 @@ clock.
 from collections.abc import Sequence
 from math import degrees, pi, radians
 
-from inercal.benches.motion_control import AxisMotionLimits, TurnTask
+from inercal.benches.motion_control import TurnTask
 from inercal.host.drivers.rotary_table import TableState
 from inercal.host.task_sequencer import (
     DURATION_MARGIN,
@@ -21,6 +21,7 @@ from inercal.host.task_sequencer import (
     EnableCommand,
     HomeCommand,
     MoveCommand,
+    Phase,
     TaskSequencer,
 )
 
@@ -34,15 +35,7 @@ _RETURN_RATE_SHARE = 0.5  # of the limit of rate: nothing hurries any more
 class Sequencer(TaskSequencer[TurnTask]):
     """Carries out tasks on a table of angles; parameters as of `TaskSequencer`."""
 
-    def __init__(
-        self,
-        tasks: Sequence[TurnTask],
-        limits: Sequence[AxisMotionLimits],
-        first: int = 0,
-        names: Sequence[str] = (),
-    ):
-        super().__init__(tasks, limits, first, names)
-        self._target: tuple[float, ...] = ()
+    _target: tuple[float, ...] = ()
 
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
         """Return what this phase begins with, and how long it may take, s."""
@@ -100,17 +93,11 @@ class Sequencer(TaskSequencer[TurnTask]):
         return True
 
     def _advance_phase(self, time: float) -> None:
-        if self.phase == "enable":
-            self._enter_phase("home")
-        elif self.phase == "home":
-            self._enter_phase("approach" if self.task else "return")
-        elif self.phase == "approach":
-            self._enter_phase("work")
-        elif self.phase == "work":
+        if self.phase == "work":
             self._finish_section(self._tasks[self.number], time)
-            self._enter_phase("approach" if self.task else "return")
-        else:
-            self._enter_phase("done")
+        next_task = "approach" if self.task else "return"
+        following: dict[Phase, Phase] = {"enable": "home", "approach": "work", "return": "done"}
+        self._enter_phase(following.get(self.phase, next_task))
 
     def _has_moved(self, task: TurnTask, seen: TableState) -> bool:
         """Tell whether an axis leaves its place by this reading; by the second in a row, refuse.

@@ -9,13 +9,23 @@
 omitted where the sensor has this mounting. `approach` brings the table to the rate of the
 state and waits until the rate is steady; a state at rest is approached by a stop. No zero is
 needed, so that the table does not look for one.
+
+`MountingPrompt` requests a mounting of the sensor, and records who confirms it and when. A
+confirmation names the mounting and the number of its request. The number is drawn when the
+request is published, so that nobody knows it before: what was sent earlier, to another request or
+twice confirms nothing, however long it waited on its way.
 """
 
-from collections.abc import Sequence
+import secrets
+from collections.abc import Callable
 from math import inf, pi
+from queue import SimpleQueue
+from typing import Literal, NamedTuple
 
-from inercal.benches.motion_control import AxisMotionLimits, SpinTask
-from inercal.host.drivers.rotary_table import REST_RATE, AxisState, TableState
+from inercal.benches.motion_control import SpinTask
+from inercal.host.clock import Clock
+from inercal.host.drivers.rotary_table import AxisState, TableState
+from inercal.host.journal import Journal
 from inercal.host.task_sequencer import (
     DURATION_MARGIN,
     GRACE,
@@ -33,28 +43,17 @@ _WRONG_SHARE = 0.05  # of the set rate, beyond which a drive does not hold it
 
 
 class SpinSequencer(TaskSequencer[SpinTask]):
-    """Carries out tasks on a table of rates of one axis.
+    """Carries out tasks on a table of rates of one axis; parameters as of `TaskSequencer`.
 
-    Parameters
+    Attributes
     ----------
-    tasks, limits, first, names
-        As of `TaskSequencer`.
     mounting : str
         How the sensor is mounted, as last confirmed; empty where nobody has confirmed any.
     """
 
-    def __init__(
-        self,
-        tasks: Sequence[SpinTask],
-        limits: Sequence[AxisMotionLimits],
-        first: int = 0,
-        names: Sequence[str] = (),
-        mounting: str = "",
-    ):
-        super().__init__(tasks, limits, first, names)
-        self.mounting = mounting
-        self._is_waiting = False
-        self._steady_since = inf
+    mounting = ""
+    _is_waiting = False
+    _steady_since = inf
 
     @property
     def awaited_task(self) -> SpinTask | None:
@@ -75,12 +74,12 @@ class SpinSequencer(TaskSequencer[SpinTask]):
             return [] if _is_ready(axis) else [EnableCommand()], GRACE
         braking = DURATION_MARGIN * abs(axis.rate) / limits.acceleration + GRACE
         if self.phase in ("mount", "return"):
-            return ([] if _rests(axis) else [StopCommand()]), braking
+            return ([] if axis.rests else [StopCommand()]), braking
         task = self._tasks[self.number]
         if self.phase == "approach":
             self._steady_since = inf
             if not task.rate:
-                return ([] if _rests(axis) else [StopCommand()]), braking + _STEADY_TIME
+                return ([] if axis.rests else [StopCommand()]), braking + _STEADY_TIME
             change = abs(task.rate - axis.rate) / limits.acceleration
             spin = SpinCommand(0, task.rate, limits.acceleration)
             return [spin], DURATION_MARGIN * change + GRACE + _STEADY_TIME
@@ -92,10 +91,10 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         if self.phase == "enable":
             return _is_ready(axis)
         if self.phase == "return":
-            return _rests(axis)
+            return axis.rests
         task = self._tasks[self.number]
         if self.phase == "mount":
-            self._is_waiting = _rests(axis)
+            self._is_waiting = axis.rests
             if self._is_waiting:
                 # An operator takes the time that mounting needs.
                 self._time_limit = inf
@@ -115,20 +114,13 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         self._is_waiting = False
 
     def _advance_phase(self, time: float) -> None:
-        if self.phase == "mount":
-            self._enter_phase("approach")
-        elif self.phase == "approach":
-            self._enter_phase("work")
-        elif self.phase == "return":
-            self._enter_phase("done")
-        else:
-            if self.phase == "work":
-                self._finish_section(self._tasks[self.number], time)
-            task = self.task
-            if task is None:
-                self._enter_phase("return")
-            else:
-                self._enter_phase("approach" if task.mounting == self.mounting else "mount")
+        if self.phase == "work":
+            self._finish_section(self._tasks[self.number], time)
+        next_task: Phase = "return"
+        if task := self.task:
+            next_task = "approach" if task.mounting == self.mounting else "mount"
+        following: dict[Phase, Phase] = {"mount": "approach", "approach": "work", "return": "done"}
+        self._enter_phase(following.get(self.phase, next_task))
 
     def _require_rate(self, axis: AxisState, task: SpinTask) -> None:
         """Refuse a rate that is not the set one by this reading and by the one before.
@@ -150,9 +142,117 @@ def _is_ready(axis: AxisState) -> bool:
     return axis.enabled and not axis.faults
 
 
-def _rests(axis: AxisState) -> bool:
-    return abs(axis.rate) < REST_RATE and not axis.moving
-
-
 def _turns_at(axis: AxisState, rate: float, share: float) -> bool:
-    return abs(axis.rate - rate) <= share * abs(rate) if rate else _rests(axis)
+    return abs(axis.rate - rate) <= share * abs(rate) if rate else axis.rests
+
+
+_NUMBERS = 1 << 48  # of requests; JavaScript has whole numbers below 2⁵³
+
+
+class MountingRequest(NamedTuple):
+    """A requested mounting: the number of the request, the mounting's name, the instruction."""
+
+    number: int
+    mounting: str
+    instruction: str
+
+
+class MountingPrompt:
+    """Requests mountings of the operator and takes the confirmations.
+
+    Parameters
+    ----------
+    sequencer : SpinSequencer
+    journal : Journal
+    clock : Clock
+        A simulated bench receives the mounting by its clock.
+    say : callable
+        Takes "info" or "warning", and the message for the operator.
+
+    Attributes
+    ----------
+    before_request : callable
+        Called just before a request is published: what has been typed is read, and belongs to none.
+    """
+
+    def __init__(
+        self,
+        sequencer: SpinSequencer,
+        journal: Journal,
+        clock: Clock,
+        say: Callable[[Literal["info", "warning"], str], None],
+    ):
+        self._sequencer, self._journal, self._clock, self._say = sequencer, journal, clock, say
+        self._confirmations: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
+        self.before_request: Callable[[], object] = lambda: None
+        self._published: tuple[int, MountingRequest] | None = None  # with the step that waits
+
+    @property
+    def request(self) -> MountingRequest | None:
+        """The request that was published and waits for a confirmation, or None."""
+        awaited, published = self._awaited(), self._published
+        if awaited is None or published is None or published[0] != awaited[0]:
+            return None
+        return published[1]
+
+    def _awaited(self) -> tuple[int, SpinTask] | None:
+        """Return the step that waits for a mounting, with its task; None where none does."""
+        task = self._sequencer.awaited_task
+        return None if task is None else (self._sequencer.number, task)
+
+    def restore(self) -> None:
+        """Have the sensor of a simulated bench, which may be a new one, mounted as before.
+
+        Raises
+        ------
+        LinkLost
+            The simulated bench is gone.
+        """
+        if self._sequencer.mounting:
+            self._clock.mount(self._sequencer.mounting)
+
+    def confirm(self, number: int, mounting: str, by: str) -> None:
+        """Confirm a mounting for the request `number`, from whichever thread; `update` does it."""
+        self._confirmations.put((number, mounting, by))
+
+    def update(self, time: float) -> None:
+        """Publish a new request, and take the confirmations, at a time of the table, s.
+
+        Raises
+        ------
+        LinkLost
+            A simulated bench is gone.
+        """
+        # What came before a request is published confirms nothing.
+        while not self._confirmations.empty():
+            self._take(*self._confirmations.get(), time)
+        awaited = self._awaited()
+        if awaited is None:
+            self._published = None
+        elif self._published is None or self._published[0] != awaited[0]:
+            self.before_request()
+            step, task = awaited
+            request = MountingRequest(secrets.randbelow(_NUMBERS), task.mounting, task.instruction)
+            self._published = step, request
+            self._say("info", f"{request.instruction}; then confirm the mounting")
+
+    def _take(self, number: int, mounting: str, by: str, time: float) -> None:
+        request = self.request
+        if request is None or request.number != number:
+            self._say(
+                "warning", f"{by} confirms a mounting that is not requested; wait for the request"
+            )
+            return
+        if request.mounting != mounting:
+            self._say(
+                "warning",
+                f"{by} confirms the mounting {mounting!r}, but {request.mounting} is requested; "
+                "mount it, then confirm it",
+            )
+            return
+        self._clock.mount(request.mounting)
+        # Recorded before the table turns, so that a killed host does not request it again.
+        step = self._sequencer.number
+        self._journal.record_mounting(step, request.mounting, time)
+        self._sequencer.confirm_mounting(step)
+        self._say("info", f"{by} confirms: the sensor is mounted as {request.mounting}")

@@ -6,7 +6,7 @@ user's own folder, which also holds where programs see different temporary folde
 containers do, and where several machines share the home folder.
 
 The system frees a lock when its process ends, however it ends. Programs on machines that share
-nothing are not seen; their motions are (`commanded_motion`).
+nothing are not seen; their motions are (`table_driver`).
 """
 
 import json

@@ -11,17 +11,18 @@ linear in time.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.keys import CoefficientName, ErrorName, ObservationName
 from inercal.basics.parameters import Parameter
-from inercal.estimation import Candidate, Gaussian, Problem
+from inercal.estimation import Candidate, Problem
+from inercal.estimation.scores import CandidateKind
+from inercal.methods import Priors
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
@@ -34,6 +35,49 @@ _ROUNDING_LIMIT = 1e-12
 _LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2}
 _LARGEST_HARMONIC = 0.01
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
+
+
+class Column(NamedTuple):
+    """A component of a candidate: its full name, its unit (SI), and ∂(observations) by it, (m,).
+
+    `largest` and `stated_sd` are as of `Candidate`; all columns of a candidate have them or none.
+    """
+
+    name: str
+    unit: str
+    rows: Array
+    largest: float | None = None
+    stated_sd: float | None = None
+
+
+def coefficient_column(sensor: Sensor, full: str, rows: Array) -> Column:
+    """Return the column of a coefficient of a sensor by its full name."""
+    line = sensor.coefficient(full)
+    return Column(full, SI_UNITS[line.unit], rows, line.largest)
+
+
+def candidate(name: str, kind: CandidateKind, columns: Sequence[Column]) -> Candidate:
+    """Return one candidate of these columns."""
+    names, units, rows, largest, sds = zip(*columns, strict=True)
+    return Candidate(
+        name,
+        kind,
+        names,
+        units,
+        np.stack(rows, axis=-1),
+        largest=None if largest[0] is None else np.array(largest),
+        stated_sds=None if sds[0] is None else np.array(sds),
+    )
+
+
+def together_and_alone(
+    kind: CandidateKind, families: Iterable[tuple[str, Sequence[Column]]]
+) -> list[Candidate]:
+    """Return each family of two columns or more as a candidate, then each column by itself."""
+    families = list(families)
+    together = [candidate(name, kind, own) for name, own in families if len(own) > 1]
+    each = {one.name: one for _, own in families for one in own}
+    return together + [candidate(name, kind, [one]) for name, one in each.items()]
 
 
 def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
@@ -63,9 +107,9 @@ def candidate_function(
     declared: Mapping[str, Parameter],
     time: Array | None = None,
     families: Mapping[str, Sequence[str]] | None = None,
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     common_errors: Sequence[str] = (),
-    zero_input: NDArray[np.bool_] | None = None,
+    zero_input: Bools | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
     """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
 
@@ -151,27 +195,16 @@ def _coefficient_candidates(
 ) -> list[Candidate]:
     """Return the coefficients that are not estimated: of each kind together, and each alone."""
     larger = extended_sensor(sensor, temperature_varies=True)
-    kinds: dict[tuple[str, str], list[str]] = {}
+    kinds: dict[tuple[str, str], list[Column]] = {}
     for full in larger.coefficients:
         axis = CoefficientName(full).axis
         if full in names or full not in column or not _affects_observations(column[full]):
             continue
         measures = next(a.measures for a in sensor.axes if a.name == axis)
         for kind in _family_names(full, families) or [family_name(larger.coefficient(full))]:
-            kinds.setdefault((measures, kind), []).append(full)
-    together = [(kind, tuple(members)) for (_, kind), members in kinds.items() if len(members) > 1]
-    alone = [(full, (full,)) for full in dict.fromkeys(chain(*kinds.values()))]
-    return [
-        Candidate(
-            name,
-            "coefficient",
-            members,
-            tuple(SI_UNITS[larger.coefficient(full).unit] for full in members),
-            np.stack([column[full] for full in members], axis=-1),
-            largest=np.array([larger.coefficient(full).largest for full in members]),
-        )
-        for name, members in (*together, *alone)
-    ]
+            column_of = coefficient_column(larger, full, column[full])
+            kinds.setdefault((measures, kind), []).append(column_of)
+    return together_and_alone("coefficient", ((kind, own) for (_, kind), own in kinds.items()))
 
 
 def family_name(line: ErrorTerm) -> str:
@@ -199,7 +232,7 @@ def bench_candidates(
     The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", are one candidate,
     "pose[XY30]": their sizes show which component is wrong.
     """
-    kinds: dict[str, list[str]] = {}
+    kinds: dict[str, list[Column]] = {}
     for name, parameter in declared.items():
         if name not in column or not _affects_observations(column[name]):
             continue
@@ -207,19 +240,15 @@ def bench_candidates(
         several = rows is not None and _affects_several_rows(column[name], rows)
         if together or several or parameter.scope in _SHARED_SCOPES:
             for kind in together or [ErrorName(name).vector]:
-                kinds.setdefault(kind, []).append(name)
+                kinds.setdefault(kind, []).append(_bench_column(name, parameter, column[name]))
     return [
-        Candidate(
-            kind if len(members) > 1 else members[0],
-            "bench",
-            tuple(members),
-            tuple(declared[name].unit for name in members),
-            np.stack([column[name] for name in members], axis=-1),
-            largest=np.array([_largest_departure(declared[name]) for name in members]),
-            stated_sds=np.array([declared[name].sd for name in members]),
-        )
-        for kind, members in kinds.items()
+        candidate(kind if len(own) > 1 else own[0].name, "bench", own)
+        for kind, own in kinds.items()
     ]
+
+
+def _bench_column(name: str, parameter: Parameter, rows: Array) -> Column:
+    return Column(name, parameter.unit, rows, _largest_departure(parameter), parameter.sd)
 
 
 def common_error_candidates(
@@ -245,49 +274,30 @@ def common_error_candidates(
                 sums.setdefault(component, []).append(full)
         if any(len(rows) < 2 for rows in sums.values()) or not sums:
             continue
-        first = [declared[rows[0]] for rows in sums.values()]
-        columns = [np.sum([column[full] for full in rows], axis=0) for rows in sums.values()]
-        result.append(
-            Candidate(
-                name,
-                "bench",
-                tuple(sums),
-                tuple(one.unit for one in first),
-                np.stack(columns, axis=-1),
-                largest=np.array([_largest_departure(one) for one in first]),
-                stated_sds=np.array([one.sd for one in first]),
+        columns = [
+            _bench_column(
+                component, declared[rows[0]], np.sum([column[full] for full in rows], axis=0)
             )
-        )
+            for component, rows in sums.items()
+        ]
+        result.append(candidate(name, "bench", columns))
     return result
 
 
 def prior_candidates(
-    sensor: Sensor, priors: Sequence[Gaussian], column: Mapping[str, Array]
+    sensor: Sensor, priors: Priors, column: Mapping[str, Array]
 ) -> list[Candidate]:
     """Return the priors of coefficients, which may be wrong: those of a kind, and each alone.
 
     With the column of a coefficient without the row of its prior the data alone determine it.
     """
-    sd_of: dict[str, float] = {}
+    kinds: dict[str, list[Column]] = {}
     for prior in priors:
-        sd_of |= dict(zip(prior.names, np.sqrt(np.diagonal(prior.covariance)), strict=True))
-    kinds: dict[str, list[str]] = {}
-    for full in sd_of:
-        kinds.setdefault(CoefficientName(full).term, []).append(full)
-    together = [(short, members) for short, members in kinds.items() if len(members) > 1]
-    alone = [(full, [full]) for members in kinds.values() for full in members]
-    return [
-        Candidate(
-            f"prior of {name}",
-            "bench",
-            tuple(f"prior of {full}" for full in members),
-            tuple(SI_UNITS[sensor.coefficient(full).unit] for full in members),
-            np.stack([column[full] for full in members], axis=-1),
-            largest=np.array([sensor.coefficient(full).largest for full in members]),
-            stated_sds=np.array([sd_of[full] for full in members]),
-        )
-        for name, members in (*together, *alone)
-    ]
+        for full, sd in zip(prior.names, np.sqrt(np.diagonal(prior.covariance)), strict=True):
+            known = coefficient_column(sensor, full, column[full])
+            known = known._replace(name=f"prior of {full}", stated_sd=sd)
+            kinds.setdefault(f"prior of {CoefficientName(full).term}", []).append(known)
+    return together_and_alone("bench", kinds.items())
 
 
 def unit_scale(parameter: Parameter) -> float:
@@ -357,30 +367,14 @@ def drift_candidates(
         return []
     of_row = dict(zip(labels, (time - time.mean()) / span, strict=True))
     ramp = np.array([of_row[row] for row in rows])
-    columns: dict[str, Array] = {}
-    for channel, measures in channels.items():
-        bias = column.get(f"{channel}.{QUANTITIES[measures].bias}")
-        if bias is not None and _affects_observations(bias * ramp):
-            columns[channel] = bias * ramp
     result: list[Candidate] = []
     for kind, quantity in QUANTITIES.items():
-        own = [channel for channel in columns if channels[channel] == kind]
-        if len(own) > 1:
-            result.append(
-                Candidate(
-                    f"drift of {quantity.sensors}",
-                    "time",
-                    tuple(f"drift of {channel}" for channel in own),
-                    (quantity.unit,) * len(own),
-                    np.stack([columns[channel] for channel in own], axis=-1),
-                )
-            )
-        result += [
-            Candidate(
-                f"drift of {c}", "time", (f"drift of {c}",), (quantity.unit,), columns[c][:, None]
-            )
-            for c in own
-        ]
+        own: list[Column] = []
+        for channel in (name for name, measures in channels.items() if measures == kind):
+            bias = column.get(f"{channel}.{quantity.bias}")
+            if bias is not None and _affects_observations(bias * ramp):
+                own.append(Column(f"drift of {channel}", quantity.unit, bias * ramp))
+        result += together_and_alone("time", [(f"drift of {quantity.sensors}", own)])
     return result
 
 

@@ -16,7 +16,6 @@ of scale factor, with an uncertainty as large: more than the noise of a good MEM
 The axis of a turn leans in the same way.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +25,9 @@ from inercal.basics.keys import CoefficientName
 from inercal.benches import Hand
 from inercal.benches.hand.bench import sensed_motion
 from inercal.estimation import Estimate
+from inercal.methods.observability import Plan
 from inercal.physics.motion import Motion
-from inercal.physics.plan import HandStep, Hold
+from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor
 
 
@@ -42,7 +42,7 @@ class Curvature(NamedTuple):
 
 
 def tilt_curvature(
-    estimate: Estimate, sensor: Sensor, bench: Hand, done: Sequence[HandStep], durations: Array
+    estimate: Estimate, sensor: Sensor, bench: Hand, done: Plan, durations: Array
 ) -> Curvature | None:
     """Return the second-order effect at a first-order estimate; None where all tilts are exact.
 

@@ -1,22 +1,23 @@
 """Readings against the angle of a dividing head: its errors are nuisances, or it is exact."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.parameters import Parameter
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
-from inercal.estimation import Gaussian, Problem
-from inercal.methods import candidates, mean_problem
+from inercal.estimation import Problem
+from inercal.methods import Priors, mean_problem
 from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
+
+Plan = Sequence[Index]
 
 MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error: higher ones act like errors of the graduations
@@ -51,8 +52,8 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
     *,
     exact: bool = False,
 ) -> Problem:
@@ -71,18 +72,6 @@ def problem(
     exact : bool
         Whether the bench is taken at its declared values, without nuisances.
     """
-    declared = {} if exact else bench.nuisances(steps, sensor)
-
-    def built(sensor: Sensor, bench: DividingHead, declared: Mapping[str, Parameter]) -> Problem:
-        return mean_problem.problem(
-            observations,
-            sensor,
-            declared,
-            lambda q: bench.mean_motion(steps, q),
-            reading_columns=_drift_columns(sensor, steps),
-        )
-
-    larger = candidates.extended_sensor(sensor, temperature_varies=observations.temperature_varies)
     wider = replace(
         bench, harmonics=(*bench.harmonics, *[0.0] * (_TESTED_HARMONICS - len(bench.harmonics)))
     )
@@ -91,24 +80,19 @@ def problem(
         for name, parameter in wider.nuisances(steps, sensor).items()
         if name != "lean"  # of second order: its column is that of its own estimate
     }
-    requested = built(sensor, bench, declared)
-    return replace(
-        requested,
-        priors=(*requested.priors, *priors),
-        candidates=candidates.candidate_function(
-            lambda: built(larger, wider, candidates.parameters_with_deviations(suspects)),
-            requested.names,
-            larger,
-            suspects,
-            families=_test_families(sensor, bench, steps),
-            priors=priors,
-        ),
+    return mean_problem.problem(
+        observations,
+        sensor,
+        {} if exact else bench.nuisances(steps, sensor),
+        lambda q: wider.mean_motion(steps, q),
+        priors,
+        reading_columns=_drift_columns(sensor, steps),
+        families=_test_families(sensor, bench, steps),
+        suspects=suspects,
     )
 
 
-def _test_families(
-    sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
-) -> dict[str, tuple[str, ...]]:
+def _test_families(sensor: Sensor, bench: DividingHead, steps: Plan) -> dict[str, tuple[str, ...]]:
     """Return the families of score tests: a harmonic's sine and cosine, a drift in all passes."""
     count = max(_TESTED_HARMONICS, len(bench.harmonics))
     result: dict[str, tuple[str, ...]] = {
@@ -122,7 +106,7 @@ def _test_families(
 
 
 def readings_at_stated_angles(
-    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
+    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Plan
 ) -> Observations:
     """Return the readings corrected to the head's nominal angles, for formulas that assume these.
 
@@ -150,7 +134,7 @@ def readings_at_stated_angles(
 
 
 def with_drift_covariance(
-    observations: Observations, bench: DividingHead, steps: Sequence[Index]
+    observations: Observations, bench: DividingHead, steps: Plan
 ) -> Observations:
     """Return the observations with the drift of biases in their covariance, not as a nuisance."""
     if not bench.drift:
@@ -162,7 +146,7 @@ def with_drift_covariance(
     return replace(observations, drift=before + np.repeat(between[..., None], channels, axis=-1))
 
 
-def _drift_columns(sensor: Sensor, steps: Sequence[Index]) -> dict[str, Array]:
+def _drift_columns(sensor: Sensor, steps: Plan) -> dict[str, Array]:
     """Return the effect of a unit drift on all readings, (m r,), by its name."""
     result: dict[str, Array] = {}
     for k, channel in enumerate(sensor.channels):

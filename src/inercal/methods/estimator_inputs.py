@@ -5,7 +5,7 @@ from itertools import zip_longest
 from typing import Any
 
 from inercal.basics.errors import InputError
-from inercal.estimation import Gaussian
+from inercal.methods import Priors
 from inercal.methods.temperature import temperature_coefficients
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
@@ -59,7 +59,7 @@ def require_single_recording(observations: Observations, what: str) -> None:
         )
 
 
-def refuse_priors(priors: Sequence[Gaussian], estimator: str, instead: str) -> None:
+def refuse_priors(priors: Priors, estimator: str, instead: str) -> None:
     """Refuse priors for an estimator that cannot use them.
 
     Parameters
@@ -102,3 +102,32 @@ def refuse_temperature_terms(sensor: Sensor, estimator: str, instead: str) -> No
             key="[method]",
             names=names,
         )
+
+
+def refuse_tilted_form(sensor: Sensor, estimator: str, instead: str) -> None:
+    """Refuse a sensor in another form than the reference form, which formulas estimate.
+
+    Raises
+    ------
+    InputError
+    """
+    if sensor.form != "reference":
+        raise InputError(
+            f'estimator {estimator} estimates the reference form; set [sensor] form = "reference", '
+            f"or use estimator {instead}",
+            key="[sensor] form",
+        )
+
+
+def require_plain_means(
+    observations: Observations, sensor: Sensor, priors: Priors, estimator: str, instead: str
+) -> None:
+    """Refuse priors, coefficients of temperature and many trials, which formulas cannot use.
+
+    Raises
+    ------
+    InputError
+    """
+    refuse_priors(priors, estimator, instead)
+    refuse_temperature_terms(sensor, estimator, instead)
+    require_single_recording(observations, f"estimator {estimator}")

@@ -6,26 +6,20 @@ priors; the mean specific force during each turn is a nuisance without a prior. 
 uncertainty therefore includes errors of fixture, turn angles, local gravity and clock.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import NotObserved
 from inercal.basics.parameters import Parameter
 from inercal.benches import Hand
-from inercal.estimation import Estimate, Gaussian, Problem
-from inercal.methods import mean_problem, solving
+from inercal.estimation import Estimate, Problem
+from inercal.methods import Priors, mean_problem, observability, solving
 from inercal.methods.curvature import Curvature, tilt_curvature
-from inercal.methods.observability import (
-    not_observed_error,
-    require_bias_scale_separation,
-    require_observed,
-)
-from inercal.methods.row_comparison import ReadingNoise
-from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.methods.mean_problem import ReadingNoise
+from inercal.methods.observability import Plan
+from inercal.physics.plan import Hold, Turn
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Observations
 
@@ -35,11 +29,7 @@ _ZERO_INPUT_LIMIT = 1e-6  # of g, or of a turn's rate
 
 
 def ml(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Hand,
-    steps: Sequence[HandStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the estimate of the sensor's coefficients and the bench's nuisances.
 
@@ -67,21 +57,19 @@ def ml(
     done = [by_label[label] for label in observations.labels]
     missing = [step for step in steps if step.label not in observations.labels]
 
-    def first(some: Observations, own: Sequence[Gaussian]) -> Problem:
+    def first(some: Observations, own: Priors) -> Problem:
         return problem(some, sensor, bench, done, own)
 
-    def with_curvature(
-        some: Observations, own: Sequence[Gaussian], found: Estimate
-    ) -> Problem | None:
+    def with_curvature(some: Observations, own: Priors, found: Estimate) -> Problem | None:
         curvature = tilt_curvature(found, sensor, bench, done, some.duration)
         return curvature and problem(some, sensor, bench, done, own, curvature)
 
     try:
         estimate = solving.solve(observations, priors, first, with_curvature)
     except NotObserved as error:
-        raise not_observed_error(sensor, error.directions, missing) from None
-    require_observed(estimate, sensor, missing)
-    require_bias_scale_separation(sensor, done, missing, priors)
+        raise observability.not_observed_error(sensor, error.directions, missing) from None
+    observability.require_observed(estimate, sensor, missing)
+    observability.require_bias_scale_separation(sensor, done, missing, priors)
     return replace(estimate, tests=observations.tests)
 
 
@@ -89,8 +77,8 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
-    done: Sequence[HandStep],
-    priors: Sequence[Gaussian] = (),
+    done: Plan,
+    priors: Priors = (),
     curvature: Curvature | None = None,
 ) -> Problem:
     """Return the estimation problem; `done` are the steps of the rows, in their order.
@@ -139,7 +127,7 @@ def problem(
     )
 
 
-def _unread_forces(turns: Sequence[HandStep], gravity: float) -> dict[str, Parameter]:
+def _unread_forces(turns: Plan, gravity: float) -> dict[str, Parameter]:
     """Return the mean specific forces of turns without accelerometers, as nuisances."""
     text = "mean specific force in the turn"
     return {
@@ -152,7 +140,7 @@ def _unread_forces(turns: Sequence[HandStep], gravity: float) -> dict[str, Param
     }
 
 
-def _zero_input_readings(sensor: Sensor, done: Sequence[HandStep]) -> NDArray[np.bool_] | None:
+def _zero_input_readings(sensor: Sensor, done: Plan) -> Bools | None:
     """Return which readings are of axes with zero nominal input, (r·m,), row after row.
 
     None where each position occurs once: two or four readings of an axis do not show a sign.

@@ -17,12 +17,24 @@ from dataclasses import replace
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.estimation import Estimate, ModelTest, Problem, least_squares
+from inercal.methods.observability import NOISE_ONLY_NOTE
+from inercal.physics.sensors import Sensor
 
 READINGS_TEST = "readings against the bench as stated"
 FORMULA_TEST = "estimator against maximum likelihood"
 _REGULARISATION = 0.01  # ε
+
+
+def noise_only_estimate(sensor: Sensor, value: Array, spread: Array) -> Estimate:
+    """Return what closed formulas give, (p,) with covariance (p, p), for an exact bench."""
+    information = np.linalg.inv(spread / np.outer(sensor.unit_scale, sensor.unit_scale))
+    singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
+    return Estimate.from_closed_form(
+        sensor.coefficients, value, spread, singular, (NOISE_ONLY_NOTE,)
+    )
 
 
 def with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:

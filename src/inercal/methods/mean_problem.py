@@ -5,22 +5,21 @@ are nuisances; the others are exact.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanBench, MeanMotion
 from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem
-from inercal.methods import candidates, solving, temperature
+from inercal.estimation.problem import Linearise, NormalEquationsOf
+from inercal.methods import Priors, candidates, solving, temperature
 from inercal.methods.estimator_inputs import require_matching_rows
-from inercal.methods.residuals import vector_residuals
-from inercal.methods.residuals.vector_equations import StatedMotion, VectorEquations
-from inercal.methods.row_comparison import ReadingNoise, RowComparison
+from inercal.methods.residuals import VectorEquations, vector_residuals
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
@@ -29,33 +28,95 @@ ROUNDING = 2.0**-50  # of a reading: the error of the few operations that comput
 MotionFunction = Callable[[Mapping[str, Array]], MeanMotion]
 
 
-class Unknowns(NamedTuple):
-    """The parameters that a problem estimates, and the bench's parameters that are exact.
+class ReadingNoise(NamedTuple):
+    """Deviations of readings, (..., m r), or if correlated their covariance, (..., m r, m r)."""
+
+    noise: Array
+    correlated: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The parameters of a problem: coefficients, the bench's with a deviation, and forces.
 
     Parameters
     ----------
     sensor : Sensor
-    estimated : mapping of str to Parameter
-        The bench's parameters with a deviation.
-    exact : dict of str to () array
-        Values of the others, SI.
-    nuisances : tuple of str
-        Names of the parameters that follow the coefficients.
+        With the coefficients to estimate.
+    declared : mapping of str to Parameter
+        The bench's parameters by full name; those with a deviation are nuisances.
+    forces : mapping of str to (...) array
+        Start values of specific forces without a prior, as of `problem`.
     """
 
     sensor: Sensor
-    estimated: Mapping[str, Parameter]
-    exact: dict[str, Array]
-    nuisances: tuple[str, ...]
+    declared: Mapping[str, Parameter]
+    forces: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
     @property
     def p(self) -> int:
         """Number of the sensor's coefficients."""
         return len(self.sensor.coefficients)
 
+    @cached_property
+    def estimated(self) -> dict[str, Parameter]:
+        """The bench's parameters with a deviation."""
+        return {name: one for name, one in self.declared.items() if one.sd > 0}
+
+    @cached_property
+    def exact(self) -> dict[str, Array]:
+        """Values of the bench's other parameters, () SI."""
+        return {n: np.array(q.value) for n, q in self.declared.items() if n not in self.estimated}
+
+    @property
+    def nuisances(self) -> tuple[str, ...]:
+        """Names of the parameters that follow the coefficients."""
+        return (*self.estimated, *self.forces)
+
+    @cached_property
+    def start(self) -> Array:
+        """Where a search starts; without forces, one start for all trials."""
+        first = start_values(self.p, self.estimated)
+        if not self.forces:  # its Jacobian is computed once
+            return first
+        begin = np.stack([*self.forces.values()], axis=-1)
+        alike = np.broadcast_to(first, (*begin.shape[:-1], first.size))
+        return np.concatenate([alike, begin], axis=-1)
+
     def bench_values(self, x: Array) -> Mapping[str, Array]:
         """Return the bench's parameters by full name, (...) SI, of parameters x (..., p + k)."""
         return self.exact | {n: x[..., self.p + k] for k, n in enumerate(self.nuisances)}
+
+    def problem(
+        self,
+        linearise: Linearise,
+        noise: Array | Callable[[Array], Array],
+        observations: tuple[str, ...],
+        priors: Priors,
+        relative_size: float,
+        *,
+        correlated: bool,
+        normal_equations: NormalEquationsOf | None,
+    ) -> Problem:
+        """Return the problem of these parameters; arguments as of `inercal.estimation.Problem`.
+
+        `relative_size` is the largest ratio of an observation to its standard deviation, and
+        `priors` are on coefficients.
+        """
+        scale = parameter_scales(self.sensor, self.estimated)
+        return Problem(
+            names=(*self.sensor.coefficients, *self.nuisances),
+            start=self.start,
+            linearise=linearise,
+            noise=noise,
+            correlated=correlated,
+            scale=np.concatenate([scale, np.full(len(self.forces), G0)]),
+            priors=with_bench_priors(self.estimated, priors),
+            wanted=self.sensor.coefficients,
+            observations=observations,
+            rounding=relative_size * ROUNDING,
+            normal_equations=normal_equations,
+        )
 
 
 def joint(
@@ -63,7 +124,7 @@ def joint(
     sensor: Sensor,
     bench: MeanBench,
     steps: Sequence[Any],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
 ) -> Estimate:
     """Return the estimate from mean readings on any bench of means, with its errors as nuisances.
 
@@ -126,7 +187,7 @@ def problem(
     sensor: Sensor,
     declared: Mapping[str, Parameter],
     motion_function: MotionFunction,
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     *,
     reading_columns: Mapping[str, Array] | None = None,
     dwell_covariance: Callable[[Array, MeanMotion], Array] | None = None,
@@ -136,7 +197,7 @@ def problem(
     common_errors: Sequence[str] = (),
     unknown_forces: Mapping[str, Array] | None = None,
     stated_noise: ReadingNoise | None = None,
-    zero_input: NDArray[np.bool_] | None = None,
+    zero_input: Bools | None = None,
     suspects: Mapping[str, Parameter] | None = None,
 ) -> Problem:
     """Return the problem of all readings.
@@ -178,19 +239,24 @@ def problem(
     forces = unknown_forces or {}
     doubted = declared if suspects is None else suspects
 
-    def compare(unknowns: Unknowns) -> RowComparison:
-        return compare_vectors(
-            unknowns, observations, motion_function, reading_columns, dwell_covariance, stated_noise
+    def build(unknowns: Unknowns, priors: Priors = ()) -> Problem:
+        return _compare_vectors(
+            unknowns,
+            observations,
+            motion_function,
+            reading_columns or {},
+            dwell_covariance,
+            stated_noise,
+            priors,
         )
 
     def larger() -> Problem:
         whole = candidates.extended_sensor(
             sensor, temperature_varies=observations.temperature_varies
         )
-        freed = candidates.parameters_with_deviations(doubted)
-        return build_problem(whole, freed, compare, forces=forces)
+        return build(Unknowns(whole, candidates.parameters_with_deviations(doubted), forces))
 
-    built = build_problem(sensor, declared, compare, priors, forces=forces)
+    built = build(Unknowns(sensor, declared, forces), priors)
     return replace(
         built,
         gauges=gauges,
@@ -208,66 +274,18 @@ def problem(
     )
 
 
-def build_problem(
-    sensor: Sensor,
-    declared: Mapping[str, Parameter],
-    compare: Callable[[Unknowns], RowComparison],
-    priors: Sequence[Gaussian] = (),
-    *,
-    forces: Mapping[str, Array] | None = None,
-) -> Problem:
-    """Return the problem of mean readings of steps, by either comparison.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        With the coefficients to estimate.
-    declared : mapping of str to Parameter
-        The bench's parameters by full name; those with a deviation are nuisances.
-    compare : callable
-        From the unknowns to how readings are compared: `compare_vectors`, or the norms of
-        `inercal.methods.centrifuge_norm.problems`.
-    priors : sequence of Gaussian
-        On coefficients.
-    forces : mapping of str to (...) array, optional
-        Specific forces without a prior, as of `problem`.
-    """
-    loose, known = split_parameters(declared)
-    forces = forces or {}
-    unknowns = Unknowns(sensor, loose, known, (*loose, *forces))
-    comparison = compare(unknowns)
-    first = start_values(unknowns.p, loose)
-    # Without forces all trials share one start, whose Jacobian is computed once.
-    if forces:
-        begin = np.stack([*forces.values()], axis=-1)
-        alike = np.broadcast_to(first, (*begin.shape[:-1], first.size))
-        first = np.concatenate([alike, begin], axis=-1)
-    return Problem(
-        names=(*sensor.coefficients, *unknowns.nuisances),
-        start=first,
-        linearise=comparison.linearise,
-        noise=comparison.noise,
-        correlated=comparison.correlated,
-        scale=np.concatenate([parameter_scales(sensor, loose), np.full(len(forces), G0)]),
-        priors=with_bench_priors(loose, priors),
-        wanted=sensor.coefficients,
-        observations=comparison.rows,
-        rounding=comparison.relative_size(first) * ROUNDING,
-        normal_equations=comparison.normal_equations,
-    )
-
-
-def compare_vectors(
+def _compare_vectors(
     unknowns: Unknowns,
     observations: Observations,
     motion_function: MotionFunction,
-    reading_columns: Mapping[str, Array] | None = None,
-    dwell_covariance: Callable[[Array, MeanMotion], Array] | None = None,
-    stated_noise: ReadingNoise | None = None,
-) -> RowComparison:
+    reading_columns: Mapping[str, Array],
+    dwell_covariance: Callable[[Array, MeanMotion], Array] | None,
+    stated_noise: ReadingNoise | None,
+    priors: Priors,
+) -> Problem:
     """Compare each reading with that of the motion its axis sensed; arguments as of `problem`."""
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
-    added = {n: one for n, one in (reading_columns or {}).items() if n in unknowns.estimated}
+    added = {n: one for n, one in reading_columns.items() if n in unknowns.estimated}
     at = [p + nuisances.index(name) for name in added]
     offsets = temperature.row_offsets(observations, sensor)
     columns = np.array(list(added.values())).T
@@ -296,17 +314,15 @@ def compare_vectors(
         assert dwell_covariance is not None
         return full + dwell_covariance(x[..., :p], sensed_motion(x))
 
-    def relative_size(x: Array) -> float:
-        own = observations.full_covariance
-        if stated_noise is None and dwell_covariance is not None:
-            own = noise(x)
-        read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
-        return float(np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))))
+    own = observations.full_covariance
+    if stated_noise is None and dwell_covariance is not None:
+        own = noise(unknowns.start)
+    read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
+    relative_size = float(np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))))
 
-    def stated_motion(x: Array, which: NDArray[np.int64]) -> StatedMotion:
+    def stated_motion(x: Array, which: Indices) -> MeanMotion:
         own = offsets[which] if offsets.ndim == 2 and len(offsets) > 1 else offsets
-        here = sensed_motion(x, own)
-        return StatedMotion(here.motion, here.df, here.dw)
+        return sensed_motion(x, own)
 
     equations = VectorEquations(
         sensor,
@@ -318,17 +334,18 @@ def compare_vectors(
         correlated,
         np.arange(len(observations.labels) * len(observations.channels), dtype=np.int64),
     )
-    return RowComparison(
+    return unknowns.problem(
         linearise,
         full if dwell_covariance is None else noise,
-        correlated,
         tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
+        priors,
         relative_size,
-        equations if dwell_covariance is None else None,
+        correlated=correlated,
+        normal_equations=equations if dwell_covariance is None else None,
     )
 
 
-def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:
+def row_subset(whole: Problem, at: Indices) -> Problem:
     """Return the problem of some of a problem's observations alone.
 
     Parameters
@@ -372,15 +389,6 @@ def _stacked_derivatives(
     return result
 
 
-def split_parameters(
-    declared: Mapping[str, Parameter],
-) -> tuple[dict[str, Parameter], dict[str, Array]]:
-    """Return the parameters that are estimated, and the values of the exact parameters."""
-    loose = {name: parameter for name, parameter in declared.items() if parameter.sd > 0}
-    known = {n: np.array(q.value) for n, q in declared.items() if n not in loose}
-    return loose, known
-
-
 def start_values(p: int, loose: Mapping[str, Parameter]) -> Array:
     """Return the start: p coefficients at nominal, the bench's parameters as declared."""
     return np.concatenate([np.zeros(p), [parameter.value for parameter in loose.values()]])
@@ -391,9 +399,7 @@ def parameter_scales(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
     return np.concatenate([sensor.unit_scale, [candidates.unit_scale(q) for q in loose.values()]])
 
 
-def with_bench_priors(
-    loose: Mapping[str, Parameter], priors: Sequence[Gaussian]
-) -> tuple[Gaussian, ...]:
+def with_bench_priors(loose: Mapping[str, Parameter], priors: Priors) -> tuple[Gaussian, ...]:
     """Return the bench's parameters as priors, followed by `priors`."""
     if not loose:
         return tuple(priors)

@@ -24,7 +24,7 @@ from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches import Hand
 from inercal.benches.hand.bench import visit_number
 from inercal.calibration.detectability import CRITICAL_SHIFT, DETECTABLE_NORM
-from inercal.methods._base import Fit, Remarks
+from inercal.methods import Fit, Remarks
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
@@ -113,10 +113,8 @@ def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:
         )
         if axis.measures != "f":
             continue
-        for by_row, remedy in (
-            (_inputs_before(steps, np.array(axis.i), order), _REVERSED),
-            (_senses(steps, np.array(axis.i), order), _BOTH_SENSES),
-        ):
+        inputs, senses = _inputs_and_senses(steps, np.array(axis.i), order)
+        for by_row, remedy in ((inputs, _REVERSED), (senses, _BOTH_SENSES)):
             remedy = remedy if reversed_too else _REVERSED
             yield _Pattern(f"hysteresis of the {kind}", remedy, axis.name, by_row)
 
@@ -127,29 +125,23 @@ def _has_reverse_order(fit: Fit[Hand, Any], order: Sequence[int]) -> bool:
     return 2 * sum(visit_number(label) > 1 for label in labels) >= len(labels) > 0
 
 
-def _inputs(steps: Sequence[Any], axis: Array, order: Sequence[int]) -> list[float | None]:
-    """Return the input of an axis in the rows in their order, g; None in a turn."""
-    return [None if isinstance(steps[k], Turn) else float(axis @ steps[k].up) for k in order]
+def _inputs_and_senses(
+    steps: Sequence[Any], axis: Array, order: Sequence[int]
+) -> tuple[Array, Array]:
+    """Return, for each row, an axis's input in the position before, g, and how it was reached.
 
-
-def _inputs_before(steps: Sequence[Any], axis: Array, order: Sequence[int]) -> Array:
-    """Return the input of an axis in the position before each row, (r,) g."""
-    found, before = np.zeros(len(steps)), 0.0
-    for k, here in zip(order, _inputs(steps, axis, order), strict=True):
-        found[k] = before
-        before = before if here is None else here
-    return found
-
-
-def _senses(steps: Sequence[Any], axis: Array, order: Sequence[int]) -> Array:
-    """Return the sense of the last change of an axis's input at each row, (r,)."""
-    found, before, sense = np.zeros(len(steps)), 0.0, 0.0
-    for k, here in zip(order, _inputs(steps, axis, order), strict=True):
-        if here is not None and abs(here - before) > 1e-6:
-            sense = float(np.sign(here - before))
-            before = here
-        found[k] = sense
-    return found
+    That is the sense of the input's last change, −1, 0 or 1; turns change neither.
+    """
+    inputs, senses = np.zeros(len(steps)), np.zeros(len(steps))
+    before = reached = sense = 0.0
+    for k in order:
+        inputs[k] = before
+        if not isinstance(steps[k], Turn):
+            before = float(axis @ steps[k].up)
+            if abs(before - reached) > 1e-6:
+                reached, sense = before, float(np.sign(before - reached))
+        senses[k] = sense
+    return inputs, senses
 
 
 def _bias(sensor: Sensor, one: _Pattern) -> ErrorTerm:

@@ -26,15 +26,17 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, force_sensitivities, sensed_motion
-from inercal.estimation import Candidate, Gaussian, Problem, ScoreTestSet, score_tests
+from inercal.estimation import Candidate, Problem, ScoreTestSet, score_tests
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import NO_SCORE_TESTS
-from inercal.methods import mean_problem
+from inercal.methods import Priors, mean_problem
 from inercal.methods.observability import OBSERVABILITY_LIMIT
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import AffineModel, to_coefficients
 from inercal.recordings import Observations
+
+Plan = Sequence[Spin]
 
 _ITERATIONS = 3  # of Gauss and Newton: norms are nearly linear in θ
 _VARIANCE_FLOOR = 1e-14  # of the largest variance: below, a variance is rounding
@@ -49,11 +51,7 @@ class Consistency(NamedTuple):
 
 
 def joint_problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
 ) -> Problem:
     """Return the problem of all readings, with the bench's errors as nuisances."""
     # Rows of a table without times are in the order of measurement.
@@ -69,7 +67,7 @@ def joint_problem(
 
 
 def row_covariance(
-    observations: Observations, bench: RateTable, steps: Sequence[Spin], matrix: Array
+    observations: Observations, bench: RateTable, steps: Plan, matrix: Array
 ) -> Array:
     """Return the covariance of M a + p − f over all rows, by noise and bench, (..., 3 r, 3 r) g².
 
@@ -88,7 +86,7 @@ def row_covariance(
     return (turned.reshape(*turned.shape[:-4], size, size) + result.T @ result) / G0**2
 
 
-def bench_sensitivities(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str, Array]:
+def bench_sensitivities(bench: RateTable, steps: Plan, gain: Array) -> dict[str, Array]:
     """Return the derivatives of θ by the stated bench errors of the whole run, (..., 12).
 
     Parameters
@@ -140,7 +138,7 @@ def consistency(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Sequence[Spin],
+    steps: Plan,
     model: AffineModel,
     gain: Array,
     level: Sequence[int],

@@ -9,8 +9,8 @@ et al. 1995.
 """
 
 from inercal.benches import Hand
-from inercal.methods._base import Method
-from inercal.methods.ferraris_formulas import classical
+from inercal.methods import Method
+from inercal.methods.ferraris import classical
 from inercal.methods.hand_likelihood import ml
 from inercal.methods.order_effects import order_remarks
 from inercal.physics.plan import six_positions

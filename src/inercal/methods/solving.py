@@ -1,18 +1,19 @@
 """Least squares of observations of one recording, or of many trials block by block."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from inercal.estimation import Estimate, Gaussian, Problem, least_squares, least_squares_of_trials
+from inercal.methods import Priors
 from inercal.recordings import Observations
 
 
 def solve(
     observations: Observations,
-    priors: Sequence[Gaussian],
-    problem: Callable[[Observations, Sequence[Gaussian]], Problem],
-    refined: Callable[[Observations, Sequence[Gaussian], Estimate], Problem | None] | None = None,
+    priors: Priors,
+    problem: Callable[[Observations, Priors], Problem],
+    refined: Callable[[Observations, Priors, Estimate], Problem | None] | None = None,
 ) -> Estimate:
     """Return the estimate, (..., p).
 

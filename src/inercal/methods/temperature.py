@@ -11,7 +11,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.sensors import Sensor
-from inercal.recordings import TEMPERATURE_VARIATION, Observations, Track
+from inercal.recordings import Observations, Track
+from inercal.recordings.temperature import TEMPERATURE_VARIATION
 
 
 def row_offsets(observations: Observations, sensor: Sensor) -> Array:

@@ -43,7 +43,6 @@ coefficients of the input axis have neither error.
 Source: IEEE Std 1293, static multipoint (tumble) test.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,16 +53,15 @@ from inercal.basics.keys import CoefficientName
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
-from inercal.estimation import Estimate, Gaussian
-from inercal.estimation.uncertainty.propagation import value_and_jacobian
-from inercal.methods import dividing_head_problem, estimator_inputs, solving
+from inercal.estimation import Estimate
+from inercal.estimation.uncertainty import value_and_jacobian
+from inercal.methods import Method, Priors, dividing_head_problem, estimator_inputs, solving
 from inercal.methods import tumble_harmonics as harmonics
-from inercal.methods._base import Method
-from inercal.methods.dual_orthogonal import coefficient_sums
+from inercal.methods.dividing_head_problem import Plan
+from inercal.methods.dual_orthogonal import notes as notes_on_sums
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Index
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
@@ -77,8 +75,8 @@ def least_squares(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the estimate by the sensor's exact model, in either form, at any positions.
 
@@ -117,7 +115,7 @@ def least_squares(
         raise harmonics.not_observed_error(
             sensor, error.directions, angle, "give a prior"
         ) from None
-    notes = (*harmonics.folding_notes(angle), *coefficient_sums.notes(estimate, bench, priors))
+    notes = (*harmonics.folding_notes(angle), *notes_on_sums(estimate, bench, priors))
     return replace(estimate, notes=(*notes, *estimate.notes))
 
 
@@ -125,8 +123,8 @@ def fourier(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return k0, k1, delta_o, k2, kip and k3, as chosen, by closed formulas from harmonics.
 
@@ -158,12 +156,7 @@ def fourier(
             key="[method]",
             names=others,
         )
-    if sensor.form != "reference":
-        raise InputError(
-            'estimator fourier estimates the reference form; set [sensor] form = "reference", or '
-            "use estimator least_squares",
-            key="[sensor] form",
-        )
+    estimator_inputs.refuse_tilted_form(sensor, "fourier", "least_squares")
     harmonics.require_even_spacing(angle)
     matrix = harmonics.harmonic_basis(angle, harmonics.harmonic_names(terms))
     harmonics.require_distinct_harmonics(sensor, terms, matrix, angle)
@@ -207,13 +200,13 @@ def fourier(
     )
 
 
-def _nominal_angles(steps: Sequence[Index]) -> Array:
+def _nominal_angles(steps: Plan) -> Array:
     """Return the angle of each step, (r,) rad: on the even grid where the steps have one."""
     grid = even_angles(steps)
     return np.array([step.angle for step in steps]) if grid is None else grid
 
 
-def _force_at_even_angles(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
+def _force_at_even_angles(bench: DividingHead, steps: Plan, f: Array) -> Array:
     """Return the force at the nominal angles; f, (r, 3) m/s², is that at the stated angles.
 
     Raises
@@ -238,7 +231,7 @@ def _force_at_even_angles(bench: DividingHead, steps: Sequence[Index], f: Array)
     return even
 
 
-def _checked_angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) -> Array:
+def _checked_angles(observations: Observations, sensor: Sensor, steps: Plan) -> Array:
     """Return the nominal angle of each row, (r,) rad, of observations that can be used."""
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
         words = {"f": "an accelerometer", "w": "a gyro"}

@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from math import ceil, degrees, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.methods.observability import direction_in_words
 from inercal.physics.motion import Motion
@@ -60,14 +59,14 @@ def amplitude_map(terms: Sequence[str], g: float) -> tuple[Array, Array]:
     return matrix, np.array([-1.0 if term == "k1" else 0.0 for term in terms])
 
 
-def confounded_columns(matrix: Array) -> NDArray[np.bool_]:
+def confounded_columns(matrix: Array) -> Bools:
     """Return which columns of a basis, (r, q), vanish or are not orthogonal to the others, (q,)."""
     gram = matrix.T @ matrix / len(matrix)
     off = np.abs(gram - np.diag(np.diagonal(gram))) > _ANGLE_TOLERANCE
     return off.any(axis=0) | (np.diagonal(gram) < _ANGLE_TOLERANCE)
 
 
-def distinct_angles(angle: Array) -> tuple[Array, NDArray[np.int64]]:
+def distinct_angles(angle: Array) -> tuple[Array, Indices]:
     """Return the distinct angles within one turn, rad and rising, and how often each was visited.
 
     Parameters

@@ -15,7 +15,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.noise.channel_model import ChannelSummary, selection_with_filter
+from inercal.noise.channel_model import ChannelSummary, conclude, selection_with_filter
 from inercal.noise.channel_noise import (
     ChannelNoise,
     NoiseAnalysis,
@@ -24,16 +24,14 @@ from inercal.noise.channel_noise import (
     quantity_of,
 )
 from inercal.noise.coefficients import Method
-from inercal.noise.conclusion import conclude
 from inercal.noise.deviations import Deviations, Spacing, deviations
 from inercal.noise.disturbances import Disturbance, find_disturbances
+from inercal.noise.drift_regression import drift_regressors
 from inercal.noise.gap_oadev import fits_grid, gap_oadev, join_deviations
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.lines import SpectralLine, take_out_lines
-from inercal.noise.movement import movement
 from inercal.noise.pieces import FEWEST, Part, Pieces, split_at_gaps
-from inercal.noise.rest_units import check_rest_units
-from inercal.noise.rounding import check_rounding, rounding_step
+from inercal.noise.recording_checks import check_rest_units, check_rounding, movement, rounding_step
 from inercal.noise.selection import CANDIDATES
 from inercal.noise.spectrum import (
     Band,
@@ -213,7 +211,12 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         )
     ]
     remarks = list(check_rounding([one.values for one in parts], name, recording.source))
-    found, every = _disturbances(parts, pieces.dt), parts
+    every = parts
+    found = tuple(
+        one.shifted(part.start)
+        for part in parts
+        for one in find_disturbances(part.values, pieces.dt)
+    )
     if found and not wanted.keep_disturbed:
         parts = quiet_parts(every, found, pieces.dt)
         left = (sum(map(len, every)) - sum(map(len, parts))) * pieces.dt
@@ -223,6 +226,7 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
                 wanted.skipped_bands]  # fmt: skip
     octaves = _deviations(parts, pieces.dt, "oadev", "octave")
     n = sum(map(len, parts))
+    low_values, regressors = _low_frequencies(parts, spectra[0], pieces.dt)
     summary = ChannelSummary(
         channel=name,
         quantity=quantity,
@@ -241,8 +245,8 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         },
         disturbances=found,
         remarks=tuple(remarks),
-        low_values=_low_values(parts, spectra, pieces.dt),
-        regressors=_regressors(parts[0].temperature, spectra, pieces.dt) if len(parts) == 1 else {},
+        low_values=low_values,
+        regressors=regressors,
         step=rounding_step(max(every, key=len).values),
     )
     channel = conclude(summary, wanted.candidates, wanted.method)
@@ -275,9 +279,15 @@ def _other_fit(
     return selection_with_filter(spectra, dt, wanted.candidates, like, step).fit
 
 
-def _low_values(parts: Sequence[Part], spectra: tuple[Spectrum, ...], dt: float) -> Array | None:
-    """Return the values of the low frequencies of a recording in one piece; None of others."""
-    return block_means(parts[0].values, round(spectra[0].dt / dt)) if len(parts) == 1 else None
+def _low_frequencies(
+    parts: Sequence[Part], low: Spectrum, dt: float
+) -> tuple[Array | None, dict[str, Array]]:
+    """Return the values and the regressors of the drift of one piece; none of several."""
+    if len(parts) > 1:
+        return None, {}
+    m, temperature = round(low.dt / dt), parts[0].temperature
+    means = None if temperature is None else block_means(temperature, m)
+    return block_means(parts[0].values, m), drift_regressors(low.n, low.dt, means)
 
 
 def _spectra(
@@ -297,26 +307,6 @@ def _spectra(
             key="--skip-band",
         )
     return tuple(spectra), tuple(lines)
-
-
-def _regressors(
-    temperature: Array | None, spectra: tuple[Spectrum, ...], dt: float
-) -> dict[str, Array]:
-    """Return the regressors of the drift of one piece: a ramp, the temperature and its rate."""
-    low = spectra[0]
-    found: dict[str, Array] = {"ramp": np.arange(low.n, dtype=np.float64) * low.dt}
-    if temperature is not None:
-        means = block_means(temperature, round(low.dt / dt))
-        if np.ptp(means) > 0:
-            found["temperature"] = means
-            found["temperature rate"] = np.asarray(np.gradient(means, low.dt))
-    return found
-
-
-def _disturbances(parts: Sequence[Part], dt: float) -> tuple[Disturbance, ...]:
-    return tuple(
-        one.shifted(part.start) for part in parts for one in find_disturbances(part.values, dt)
-    )
 
 
 def _deviations(parts: Sequence[Part], dt: float, kind: str, spacing: Spacing) -> Deviations:

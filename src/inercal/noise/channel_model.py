@@ -10,19 +10,26 @@ White noise behind one pole at f_c and a Gauss–Markov process of T = 1/(2π f_
 They are told apart by the white noise of the read-out: only behind a filter may there be none.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.noise.band_edge import band_below
-from inercal.noise.channel_noise import NoiseRefusal, Quantity
+from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal, Quantity
+from inercal.noise.coefficients import (
+    Method,
+    estimate_coefficients,
+    possible_method,
+    undetermined,
+)
+from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.drift_regression import DriftFit, find_drift
 from inercal.noise.filter_search import FilterSearch, apply_filter, find_filter, settled_filter
 from inercal.noise.goodness import judge_fit
-from inercal.noise.likelihood import fit_terms
+from inercal.noise.likelihood import extended, fit_terms
 from inercal.noise.lines import SpectralLine
 from inercal.noise.selection import Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, make_bins
@@ -302,3 +309,52 @@ def _white(bins: Bins, octave: tuple[float, float]) -> float:
 
 def _refused(model: NoiseModel, cause: str) -> NoiseModel:
     return NoiseModel(model.selection, model.bins, model.drift, NoiseRefusal(REFUSED, cause))
+
+
+def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -> ChannelNoise:
+    """Return the noise of a channel.
+
+    Parameters
+    ----------
+    one : ChannelSummary
+    candidates : tuple of str
+        Models to choose from.
+    method : "likelihood", "gmwm" or "wls_log"
+    """
+    model = find_model(one, candidates)
+    selection, bins = model.selection, model.bins
+    used, why = possible_method(method, one.longest, single=one.low_values is not None, bins=bins)
+    coefficients: tuple[NoiseCoefficient, ...] = ()
+    comparison: dict[str, Estimates] = {}
+    remarks: list[str] = []
+    if model.refusal is None:
+        coefficients, comparison = estimate_coefficients(
+            selection, bins, one.octaves, one.quantity, used, one.longest
+        )
+        remarks = undetermined(selection, bins, one.longest * one.dt)
+    output, band = settled_filter(bins, selection.fit), bins.limit
+    if band < np.inf:
+        # The whole spectrum is judged by what its lower part says.
+        bins = make_bins(one.spectra, one.dt, fine=bins.fine)
+        selection = replace(selection, fit=extended(selection.fit, bins))
+    return ChannelNoise(
+        one.channel,
+        one.quantity,
+        one.n,
+        one.dt,
+        one.mean,
+        coefficients,
+        one.deviations,
+        selection,
+        bins,
+        judge_fit(bins, selection.fit, one.octaves),
+        one.lines,
+        one.disturbances,
+        () if model.drift is None else model.drift.terms,
+        (*one.remarks, *why, *remarks),
+        comparison,
+        used,
+        output,
+        band,
+        model.refusal,
+    )

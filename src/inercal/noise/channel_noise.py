@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from math import inf
-from typing import Literal
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
@@ -16,9 +15,12 @@ from inercal.noise.output_filter import OutputFilter
 from inercal.noise.selection import Selection
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import TERMS
+from inercal.physics.quantities import QUANTITIES as MEASURED
 
-Quantity = Literal["gyro", "accelerometer"]
-SI_UNIT: dict[Quantity, str] = {"gyro": "rad/s", "accelerometer": "m/s²"}
+Quantity = str
+"""The word for the sensor of `inercal.physics.quantities`: "accelerometer" or "gyro"."""
+SI_UNIT: dict[Quantity, str] = {one.sensor: one.unit for one in MEASURED.values()}
+QUANTITIES: tuple[Quantity, ...] = tuple(SI_UNIT)
 
 
 @dataclass(frozen=True)
@@ -78,10 +80,7 @@ class NoiseCoefficient:
 
 def coefficient_unit(symbol: str, quantity: Quantity) -> str:
     """Return the unit in which a coefficient is printed."""
-    if symbol == "T":
-        return "s"
-    term = TERMS[symbol]
-    return term.gyro_unit if quantity == "gyro" else term.accelerometer_unit
+    return "s" if symbol == "T" else TERMS[symbol].units[quantity]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,11 @@
-"""From a fit to coefficients with their uncertainties, and what a recording cannot determine."""
+"""From a fit to coefficients with their uncertainties, and what a recording cannot determine.
+
+How long a recording must be for a wanted uncertainty follows from the information of the spectrum:
+with frequencies k/2T of a recording of length T, the covariance of the variances θ is
+[½ Σ_k e eᵀ/S²]⁻¹, and u of a coefficient is u(θ)/2√θ. Each coefficient k counts, to the Nyquist
+frequency. A term whose own uncertainty exceeds its value is not seen in such a recording, and not
+fitted: the others are then better known.
+"""
 
 from dataclasses import replace
 from math import hypot
@@ -6,6 +13,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.noise.band_edge import ADDED_RELATIVE_U
 from inercal.noise.channel_noise import NoiseCoefficient, Quantity, coefficient_unit
 from inercal.noise.cross_checks import Estimates, gmwm, slopes, wls_log
@@ -18,13 +26,19 @@ from inercal.noise.likelihood import (
     fit_terms,
     profile_limits,
 )
+from inercal.noise.numerics import pseudo_inverse
 from inercal.noise.selection import Selection, Significance, is_time_limit, significance_limit
 from inercal.noise.spectrum import Bins
-from inercal.noise.terms import FLICKER_FLOOR, TERMS
+from inercal.noise.terms import FLICKER_FLOOR, TERMS, model_psd
 
 Method = Literal["likelihood", "gmwm", "wls_log"]
 METHODS: tuple[str, ...] = get_args(Method)
+_RUNNERS_UP = 4.0  # of AIC, within which other models are named
 _GMWM_LONGEST = 1 << 18  # block means, for the covariance of all pairs of averaging times
+_BINS = 200
+_SINGLE = 32
+_LONGEST = 1e9  # s
+_SEEN = 1.0  # largest relative uncertainty of a term that is fitted
 
 
 def possible_method(
@@ -188,7 +202,11 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
     """
     fit = selection.fit
     found: list[str] = []
-    rivals = [one for one in selection.runners_up if one.symbols != fit.symbols]
+    rivals = [
+        one
+        for one in selection.rivals
+        if one.aic - fit.aic <= _RUNNERS_UP and one.symbols != fit.symbols
+    ]
     if rivals:
         names = ", ".join(
             f"{' + '.join(one.symbols)} (AIC {one.aic - fit.aic:+.1f})" for one in rivals
@@ -214,13 +232,72 @@ def hidden_terms(selection: Selection, seconds: float) -> tuple[str, ...]:
     fit = selection.fit
     white, flicker, walk = (fit.variance(one) for one in "NBK")
     longest = seconds / 2
-    if flicker > 0 and crossing_time(white, flicker) > longest:
+    # Compared with the longest are the times at which Allan variances of two terms are equal.
+    if flicker > 0 and white / (FLICKER_FLOOR * flicker) > longest:
         return tuple(one for one in fit.symbols if one in "BK")
     if flicker == 0 and walk > 0 and np.sqrt(3 * white / walk) > longest:
         return ("K",)
     return ()
 
 
-def crossing_time(white: float, flicker: float) -> float:
-    """Return τ_NB, s, at which the Allan variances of N², SI², and B² are equal."""
-    return white / (FLICKER_FLOOR * flicker) if flicker > 0 else np.inf
+def relative_uncertainties(
+    variances: dict[str, float], dt: float, length: float, markov_time: float = 1.0
+) -> dict[str, float]:
+    """Return u/value of each coefficient above zero for a recording of `length`, s.
+
+    Parameters
+    ----------
+    variances : mapping of symbol to float
+        Squared coefficients, SI².
+    dt : float
+        Sampling interval, s.
+    length : float
+        s.
+    markov_time : float
+        T, s, taken as known.
+    """
+    symbols = [symbol for symbol, value in variances.items() if value > 0]
+    n = max(int(length / dt), 4)
+    edges = np.unique(
+        np.concatenate(
+            [np.arange(1, min(_SINGLE, n)), np.geomspace(min(_SINGLE, n), n, _BINS).round()]
+        )
+    )
+    middle: Array = np.sqrt(edges[:-1] * np.maximum(edges[1:] - 1.0, 1.0))
+    frequency, count = middle / (2 * n * dt), np.diff(edges)
+    columns = np.stack(
+        [variances[one] * model_psd({one: 1.0}, frequency, dt, markov_time) for one in symbols], 1
+    )
+    scaled = columns / columns.sum(axis=1, keepdims=True) * np.sqrt(count / 2)[:, None]
+    found = dict.fromkeys(symbols, np.inf)
+    seen = list(range(len(symbols)))
+    while seen:
+        part = scaled[:, seen]
+        covariance = pseudo_inverse(part.T @ part)
+        relative = np.sqrt(np.diag(covariance)) / 2
+        worst = int(np.argmax(relative))
+        if relative[worst] <= _SEEN:
+            found |= {symbols[j]: float(u) for j, u in zip(seen, relative, strict=True)}
+            break
+        del seen[worst]
+    return found
+
+
+def length_for(
+    variances: dict[str, float],
+    dt: float,
+    symbol: str,
+    relative: float,
+    markov_time: float = 1.0,
+) -> float:
+    """Return the length of a recording, s, for u/value = `relative`; infinite beyond 30 years."""
+    low, high = 16 * dt, _LONGEST
+    if relative_uncertainties(variances, dt, high, markov_time).get(symbol, np.inf) > relative:
+        return np.inf
+    while high / low > 1.01:
+        middle = float(np.sqrt(low * high))
+        if relative_uncertainties(variances, dt, middle, markov_time)[symbol] > relative:
+            low = middle
+        else:
+            high = middle
+    return high

@@ -56,20 +56,11 @@ def identify_noise(x: Array, m: int) -> int:
 
 def _sw(t: float, alpha: int) -> float:
     """Return s_w(t, α), the generalised autocovariance of phase."""
-    t = abs(t)
-    if alpha == 2:
-        return -t
-    if alpha == 1:
-        return t**2 * np.log(t) if t else 0.0
-    if alpha == 0:
-        return t**3
-    if alpha == -1:
-        return -(t**4) * np.log(t) if t else 0.0
-    if alpha == -2:
-        return -(t**5)
-    if alpha == -3:
-        return t**6 * np.log(t) if t else 0.0
-    return t**7
+    t, power = abs(t), 3 - alpha
+    size = -(t**power) if power % 4 < 2 else t**power
+    if power % 2:
+        return size
+    return size * np.log(t) if t else 0.0
 
 
 def _sx(t: float, f: float, alpha: int) -> float:

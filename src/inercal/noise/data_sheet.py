@@ -17,8 +17,8 @@ from math import nan, pi, sin, sqrt
 from typing import Literal
 
 from inercal.basics.units import si_factor
-from inercal.noise.channel_noise import Quantity, coefficient_unit
-from inercal.noise.sensor_noise import QUANTITIES, SensorNoise, TriadNoise, root_mean_of_squares
+from inercal.noise.channel_noise import QUANTITIES, Quantity, coefficient_unit
+from inercal.noise.sensor_noise import SensorNoise, TriadNoise, root_mean_of_squares
 from inercal.noise.terms import FLICKER_FLOOR
 
 WhiteKind = Literal["density", "random walk"]
@@ -78,7 +78,7 @@ class DataSheetNoise:
     @property
     def sensor_noise(self) -> SensorNoise:
         """The noise as other programs take it."""
-        triads: dict[Quantity, TriadNoise] = {
+        triads = {
             quantity: _triad(quantity, self.coefficients[quantity], self.rate_hz)
             for quantity in QUANTITIES
             if quantity in self.coefficients

@@ -8,9 +8,15 @@ from typing import Any
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_value_and_uncertainty, si_factor
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, Quantity, coefficient_unit
+from inercal.noise.channel_noise import (
+    QUANTITIES,
+    ChannelNoise,
+    NoiseAnalysis,
+    Quantity,
+    coefficient_unit,
+)
 from inercal.noise.data_sheet import DataSheetNoise, SheetCoefficient, shown
-from inercal.noise.sensor_noise import QUANTITIES, axis_coefficient, root_mean_of_squares
+from inercal.noise.sensor_noise import axis_coefficient, root_mean_of_squares
 
 _NEAR = 0.1  # of √2, within which a ratio suggests the other kind of white noise
 _AXES = 3

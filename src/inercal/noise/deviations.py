@@ -66,31 +66,22 @@ def _squares_of_subsequences(series: Array, m: int) -> tuple[float, int]:
     lags = (np.arange(length) - (length - 1) / 2) / (half + middle)
     windows = np.lib.stride_tricks.sliding_window_view(series, length)
     total = 0.0
-    for part in _blocks(windows, 9 * m):
+    step = max(1, _MOST // (9 * m))
+    for start in range(0, len(windows), step):
+        part = windows[start : start + step]
         slope = part[:, half + middle :].mean(axis=1) - part[:, :half].mean(axis=1)
         flat = part - slope[:, None] * lags
         extended = np.concatenate([flat[:, ::-1], flat, flat[:, ::-1]], axis=1)
-        sums = _sums_of(extended)
+        sums = np.cumsum(np.pad(extended, ((0, 0), (1, 0))), axis=1)
         means = (sums[:, m:] - sums[:, :-m]) / m
         d = means[:, 2 * m :] - 2 * means[:, m:-m] + means[:, : -2 * m]
         total += float((d[:, : 6 * m] ** 2).mean(axis=1).sum())
     return total, len(windows)
 
 
-def _sums_of(values: Array) -> Array:
-    """Return cumulative sums along rows, with a leading zero."""
-    return np.concatenate([np.zeros((len(values), 1)), np.cumsum(values, axis=1)], axis=1)
-
-
-def _blocks(windows: Array, width: int):
-    step = max(1, _MOST // width)
-    for start in range(0, len(windows), step):
-        yield windows[start : start + step]
-
-
-Kind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
+DeviationKind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
 Spacing = Literal["octave", "decade", "all"]
-KINDS: tuple[str, ...] = get_args(Kind)
+KINDS: tuple[str, ...] = get_args(DeviationKind)
 SPACINGS: tuple[str, ...] = get_args(Spacing)
 FULL_OVERLAP = 1024  # averaging factor up to which every difference is used
 _OVERLAP = 16  # differences within an averaging time past that

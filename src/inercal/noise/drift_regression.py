@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.noise.expected_periodogram import expected_periodogram
 from inercal.noise.likelihood import NoiseFit, fit_again
 from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
-from inercal.noise.spectrum import Bins, Spectrum
+from inercal.noise.spectrum import Bins, Spectrum, expected_periodogram
 
 DRIFT_RATIO = 10.83  # of 2 L, by which a regressor enters: 0.1 %
 _ROUNDS = 4
@@ -86,6 +85,25 @@ def _generalised(
     beta = covariance @ (scaled.T @ (weight * c))
     leverage = np.einsum("ki,ij,kj->k", scaled, covariance, scaled)
     return beta / size, covariance / np.outer(size, size), leverage
+
+
+def drift_regressors(count: int, dt: float, temperature: Array | None) -> dict[str, Array]:
+    """Return the regressors of one piece: a ramp, the temperature and its rate.
+
+    Parameters
+    ----------
+    count : int
+        Block means.
+    dt : float
+        Of these, s.
+    temperature : array, optional
+        Its block means, K; not used where it is constant or of another length.
+    """
+    found: dict[str, Array] = {"ramp": np.arange(count, dtype=np.float64) * dt}
+    if temperature is not None and temperature.size == count and np.ptp(temperature) > 0:
+        found["temperature"] = temperature
+        found["temperature rate"] = np.asarray(np.gradient(temperature, dt))
+    return found
 
 
 def fit_drift(

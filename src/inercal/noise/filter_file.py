@@ -3,19 +3,90 @@
 A random walk of the bias has q = K² Δ; a Gauss–Markov state φ = e^(−Δ/T) and q = σ² (1 − φ²).
 Flicker is a chain of such states (`flicker_states`). White noise N has no state: N² Δ is the
 variance of the angle, or velocity, that it adds in a step.
+
+The Allan variance of the processes of a chain, of times T_k and variances v_k, is that of flicker
+of B = 1, 2 ln 2/π, between two averaging times; the largest misfit of the deviation is least over
+the T_k, evenly spaced in ln T, and the v_k ≥ 0.
 """
 
+from dataclasses import dataclass
 from math import ceil, exp, log10
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.noise.channel_noise import SI_UNIT
-from inercal.noise.flicker_states import flicker_states
-from inercal.noise.noise_files import require_rate
-from inercal.noise.sensor_noise import SensorNoise, TriadNoise, root_mean_of_squares
+from inercal.noise.numerics import nonnegative_least_squares
+from inercal.noise.sensor_noise import (
+    SensorNoise,
+    TriadNoise,
+    require_rate,
+    root_mean_of_squares,
+)
+from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
+_POINTS = 24  # averaging times a decade
+_ENDS = np.geomspace(0.2, 1.6, 19)  # T of the ends over the averaging times of the ends
+_ROUNDS = 6  # of weights that even out the misfit
+_CONTINUOUS = 1e-6  # of the averaging times, Δ of the continuous-time variance
 _SHORTEST = 1.0  # s, of the averaging times of a chain; of slow sensors ten samples
+
+
+@dataclass(frozen=True, eq=False)
+class FlickerStates:
+    """Gauss–Markov processes whose sum is flicker of B = 1.
+
+    Parameters
+    ----------
+    times : (k,) array
+        T, s.
+    variances : (k,) array
+    misfit : float
+        Largest relative error of the Allan deviation between the averaging times.
+    """
+
+    times: Array
+    variances: Array
+    misfit: float
+
+
+def flicker_states(shortest: float, longest: float, states: int) -> FlickerStates:
+    """Return the chain for averaging times from `shortest` to `longest`, s.
+
+    Parameters
+    ----------
+    shortest, longest : float
+    states : int
+        2 or more.
+    """
+    tau: Array = np.geomspace(
+        shortest, longest, int(_POINTS * np.log10(longest / shortest)) + 2, dtype=np.float64
+    )
+    best: FlickerStates | None = None
+    for low in _ENDS:
+        for high in _ENDS:
+            times: Array = np.geomspace(float(low) * shortest, float(high) * longest, states)
+            found = _chain(tau, times)
+            if best is None or found.misfit < best.misfit:
+                best = found
+    assert best is not None
+    return best
+
+
+def _chain(tau: Array, times: Array) -> FlickerStates:
+    avar = TERMS["G"].avar
+    columns = np.stack([avar(tau, _CONTINUOUS * tau[0], float(one)) for one in times], 1)
+    columns = columns / FLICKER_FLOOR
+    weight, variances, misfit = np.ones(tau.size), np.zeros(times.size), np.inf
+    for _ in range(_ROUNDS):
+        trial = nonnegative_least_squares(columns * weight[:, None], weight)
+        error = np.abs(np.sqrt(columns @ trial) - 1)
+        if error.max() < misfit:
+            variances, misfit = trial, float(error.max())
+        # Lawson's weights lead towards the least largest error.
+        weight = weight * np.sqrt(error / error.max() + 1e-3)
+    return FlickerStates(times, variances, misfit)
 
 
 def filter_text(noise: SensorNoise, horizon: float) -> str:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.estimation.singular_values import column_lengths
 from inercal.noise.numerics import nonnegative_least_squares, pseudo_inverse, root_between
 from inercal.noise.spectrum import Bins
 
@@ -149,8 +150,7 @@ def coarse_fit(power: Array, weight: Array, columns: Array, fixed: Array) -> Arr
 def information_inverse(weight: Array, columns: Array, model: Array) -> Array:
     """Return the covariance of the coefficients of columns of S, [½ Σ w e eᵀ/S²]⁻¹."""
     scaled = columns * (np.sqrt(weight / 2) / model)[:, None]
-    size = np.linalg.norm(scaled, axis=0)
-    size = np.where(size > 0, size, 1.0)  # ln T of a term that vanishes
+    size = column_lengths(scaled)  # 1 of ln T of a term that vanishes
     scaled = scaled / size
     return pseudo_inverse(scaled.T @ scaled) / np.outer(size, size)
 

@@ -4,14 +4,15 @@ A triad has one value for all axes: the root mean square over its axes. Kalibr's
 continuous-time: N in rad/s/√Hz and m/s²/√Hz, K in rad/s²/√Hz and m/s³/√Hz.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_value_and_uncertainty, si_factor
 from inercal.noise.channel_noise import SI_UNIT, Quantity, coefficient_unit
-from inercal.noise.sensor_noise import SensorNoise, TriadNoise
+from inercal.noise.filter_file import filter_text
+from inercal.noise.sensor_noise import SensorNoise, TriadNoise, require_rate
 from inercal.noise.terms import FLICKER_FLOOR
 
 HORIZON = 100.0  # s, over which a filter without B is to be right
@@ -26,19 +27,15 @@ def section_lines(noise: TriadNoise) -> list[str]:
     for symbol, (value, u) in noise.values.items():
         unit = coefficient_unit(symbol, noise.quantity)
         size = si_factor(unit)
+        number = f"{value / size:.4g}"
         if symbol in noise.limits:
-            lines.append(
-                f'{_KEYS[symbol]} = "{value / size:.4g} {unit}"  # upper limit (95 %): not seen'
-            )
-            continue
-        if u is None:
-            origin = noise.origins[symbol]
-            lines.append(
-                f'{_KEYS[symbol]} = "{value / size:.4g} {unit}"  # data sheet, without u: {origin}'
-            )
-            continue
-        number, spread = format_value_and_uncertainty(value / size, u / size)
-        lines.append(f'{_KEYS[symbol]} = "{number} {unit}"  # u = {spread} {unit}')
+            comment = "upper limit (95 %): not seen"
+        elif u is None:
+            comment = f"data sheet, without u: {noise.origins[symbol]}"
+        else:
+            number, spread = format_value_and_uncertainty(value / size, u / size)
+            comment = f"u = {spread} {unit}"
+        lines.append(f'{_KEYS[symbol]} = "{number} {unit}"  # {comment}')
     return lines + [f"{_MARK}: {one}" for one in noise.notes]
 
 
@@ -136,23 +133,6 @@ def _white(noise: TriadNoise, *, is_data_sheet: bool) -> float:
     )
 
 
-def require_rate(noise: TriadNoise) -> float:
-    """Return the sampling rate, Hz.
-
-    Raises
-    ------
-    InputError
-        A data sheet that states none.
-    """
-    if not noise.rate_hz:
-        raise InputError(
-            'the data sheet has no sampling rate, which --to needs: add rate = "200 Hz" to '
-            "[datasheet]",
-            key="[datasheet] rate",
-        )
-    return noise.rate_hz
-
-
 def _absence(noise: SensorNoise) -> str:
     return "not stated" if noise.is_data_sheet else "not measured"
 
@@ -218,3 +198,11 @@ def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
             else f"# {prefix}_random_walk: {why}",
         ]
     return "\n".join([*lines, ""])
+
+
+WRITERS: dict[str, Callable[[SensorNoise, float], str]] = {
+    "kalibr": kalibr_text,
+    "ros": ros_text,
+    "filter": filter_text,
+}
+"""The files for other programs, by their names."""

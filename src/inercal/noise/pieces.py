@@ -35,8 +35,8 @@ class Pieces:
         All channels of each piece.
     starts : tuple of float
         Time of each piece's first sample, s from the recording's first.
-    temperature : tuple of (n_i,) array, or None
-        K.
+    temperatures : tuple of (n_i,) array or None
+        Of each piece, K.
     remarks : tuple of str
         What was closed up, parted or left out.
     """
@@ -44,13 +44,8 @@ class Pieces:
     dt: float
     values: tuple[Array, ...]
     starts: tuple[float, ...]
-    temperature: tuple[Array, ...] | None
+    temperatures: tuple[Array | None, ...]
     remarks: tuple[str, ...]
-
-    @property
-    def temperatures(self) -> tuple[Array | None, ...]:
-        """The temperature of each piece, or None."""
-        return self.temperature or (None,) * len(self.values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,14 +136,12 @@ def _cut(
             "record without gaps",
             file=recording.source or None,
         )
-    temperature = None
-    if recording.temperature is not None:
-        temperature = tuple(recording.temperature[a:b] for a, b in kept)
+    warmth = recording.temperature
     return Pieces(
         dt,
         tuple(recording.data[a:b] for a, b in kept),
         tuple(float(time[a]) for a, _ in kept),
-        temperature,
+        tuple(None if warmth is None else warmth[a:b] for a, b in kept),
         tuple(remarks),
     )
 

@@ -26,7 +26,6 @@ from inercal.noise.spectrum import Bins
 
 CANDIDATES = ("N", "NB", "NK", "NBK", "NG", "NGK", "NBG")
 LEVEL = 0.01  # probability that a term is falsely significant
-RUNNERS_UP = 4.0  # of AIC, within which other models are named
 _TESTED = 4  # terms besides N that share the level of Q and G
 _EDGE = 1.1  # of the shortest and the longest T
 
@@ -80,11 +79,6 @@ class Selection:
     rivals: tuple[NoiseFit, ...]
     significance: dict[str, Significance]
     is_asked: bool = False
-
-    @property
-    def runners_up(self) -> tuple[NoiseFit, ...]:
-        """The rivals within 4 of AIC of the chosen model."""
-        return tuple(one for one in self.rivals if one.aic - self.fit.aic <= RUNNERS_UP)
 
 
 def ratio_limit(tests: int) -> float:

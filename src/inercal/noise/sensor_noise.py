@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from inercal.basics.errors import InputError
-from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, Quantity
-from inercal.noise.filter_texts import filter_notes
+from inercal.noise.channel_noise import QUANTITIES, ChannelNoise, NoiseAnalysis, Quantity
 from inercal.noise.terms import FLICKER_FLOOR
+from inercal.noise.texts import filter_notes
 
 MARKOV_PEAK = 0.617  # of σ: the largest Allan deviation of a Gauss–Markov process
-QUANTITIES: tuple[Quantity, ...] = ("accelerometer", "gyro")
 
 
 @dataclass(frozen=True)
@@ -78,10 +77,11 @@ def sensor_noise(analysis: NoiseAnalysis) -> SensorNoise:
         The coefficients of a channel are refused.
     """
     require_stated(analysis)
-    triads: dict[Quantity, TriadNoise] = {}
-    for quantity in QUANTITIES:
-        if axes := analysis.of(quantity):
-            triads[quantity] = _triad(axes, quantity)
+    triads = {
+        quantity: _triad(axes, quantity)
+        for quantity in QUANTITIES
+        if (axes := analysis.of(quantity))
+    }
     return SensorNoise(analysis.source or "a recording", analysis.duration, triads)
 
 
@@ -101,6 +101,23 @@ def require_stated(analysis: NoiseAnalysis) -> None:
                 file=analysis.source or None,
                 names=(one.channel,),
             )
+
+
+def require_rate(noise: TriadNoise) -> float:
+    """Return the sampling rate, Hz.
+
+    Raises
+    ------
+    InputError
+        A data sheet that states none.
+    """
+    if not noise.rate_hz:
+        raise InputError(
+            'the data sheet has no sampling rate, which --to needs: add rate = "200 Hz" to '
+            "[datasheet]",
+            key="[datasheet] rate",
+        )
+    return noise.rate_hz
 
 
 def axis_coefficient(channel: ChannelNoise, symbol: str) -> tuple[float, float]:

@@ -13,16 +13,15 @@ from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.noise.analysis import candidate_models
-from inercal.noise.channel_model import ChannelSummary
-from inercal.noise.channel_noise import NoiseAnalysis, Quantity, quantity_of
-from inercal.noise.conclusion import conclude
+from inercal.noise.channel_model import ChannelSummary, conclude
+from inercal.noise.channel_noise import SI_UNIT, NoiseAnalysis, quantity_of
+from inercal.noise.drift_regression import drift_regressors
 from inercal.noise.gap_oadev import join_deviations
 from inercal.noise.lines import take_out_lines
 from inercal.noise.pieces import FEWEST
-from inercal.noise.rest_units import check_rest_units
+from inercal.noise.recording_checks import check_rest_units
 from inercal.noise.spectrum import Band, remove_band
-from inercal.noise.streamed_means import StreamedMeans
-from inercal.noise.streaming import StreamedChannel
+from inercal.noise.streaming import StreamedChannel, StreamedMeans
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
 
@@ -93,9 +92,7 @@ class NoiseStream:
         self.duration: float | None = None  # s, where times are known
         self.remarks: list[str] = []
         self._channels = tuple(channels)
-        self._quantities: list[Quantity] = [
-            quantity_of(*one) for one in zip(units, channels, strict=True)
-        ]
+        self._quantities = [quantity_of(*one) for one in zip(units, channels, strict=True)]
         self._sizes = [si_factor(unit) for unit in units]
         self._starts: list[float] = []
         self._pieces: list[list[StreamedChannel]] = []
@@ -217,6 +214,7 @@ class NoiseStream:
         ]
         octaves = join_deviations([part.oadev() for part in parts])
         values, dt = parts[0].low_values()
+        regressors = drift_regressors(values.size, dt, self._temperatures[0].means())
         n = sum(part.count for part in parts)
         single = len(parts) == 1
         remarks = [text for part in parts for text in part.remarks(self._channels[k], self.source)]
@@ -239,18 +237,9 @@ class NoiseStream:
             ),
             remarks=tuple(dict.fromkeys(remarks)),
             low_values=values if single else None,
-            regressors=self._regressors(values.size, dt) if single else {},
+            regressors=regressors if single else {},
             step=max(parts, key=lambda part: part.count).rounding_step(),
         )
-
-    def _regressors(self, count: int, dt: float) -> dict[str, Array]:
-        """Return the regressors of the drift of one piece, of `count` block means of dt, s."""
-        found: dict[str, Array] = {"ramp": np.arange(count, dtype=np.float64) * dt}
-        means = self._temperatures[0].means()
-        if means.size == count and np.ptp(means) > 0:
-            found["temperature"] = means
-            found["temperature rate"] = np.asarray(np.gradient(means, dt))
-        return found
 
     def block_mean_recording(self) -> Recording:
         """Return block means of the longest piece, SI, for plots over time."""
@@ -259,11 +248,10 @@ class NoiseStream:
         dt = found[0][1]
         data = np.stack([values for values, _ in found], axis=1)
         data = data + np.array([one.origin for one in self._pieces[k]])
-        si: dict[Quantity, str] = {"gyro": "rad/s", "accelerometer": "m/s²"}
         return Recording(
             self._starts[k] + dt * np.arange(float(len(data))),
             data,
             self._channels,
-            tuple(si[one] for one in self._quantities),
+            tuple(SI_UNIT[one] for one in self._quantities),
             source=self.source,
         )

@@ -4,6 +4,9 @@ Kept are the sums of squared differences of averaging factors to 1024, every 64t
 one segment of 2¹⁷ samples with the averaged spectrum of those before, and the squared differences
 of neighbours by half a window of 10 s. Longer averaging times, block means for the low frequencies,
 and changes of the mean come from the kept cumulative sums. 10⁸ samples keep about 30 MB.
+
+Of a series beside the samples, such as the temperature, the same is kept for its block means
+(`StreamedMeans`): they lie on the grid of those of the channel for the low frequencies.
 """
 
 import numpy as np
@@ -26,14 +29,51 @@ from inercal.noise.disturbances import (
     find_changes,
     samples_per_degree,
 )
-from inercal.noise.expected_periodogram import squared_coefficients
-from inercal.noise.rounding import check_rounding, rounding_step
-from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
-from inercal.noise.streamed_means import KEPT_EVERY
+from inercal.noise.recording_checks import check_rounding, rounding_step
+from inercal.noise.spectrum import (
+    LONGEST,
+    Spectrum,
+    block_means,
+    join_long,
+    squared_coefficients,
+    whole_spectrum,
+)
 
+KEPT_EVERY = 64
 _MANY = 4  # segments, beside which those samples are left out that fill no other
 _FIRST = 4096  # squared differences whose median sets the largest that counts
 _SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1, dtype=np.int64)
+
+
+class StreamedMeans:
+    """Takes a series piece by piece; then gives its block means."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._origin = 0.0  # mean of the first piece, so that cumulative sums stay small
+        self._last = 0.0  # cumulative sum
+        self._kept: list[Array] = [np.zeros(1)]
+        self._first: list[Array] = []
+
+    def add(self, y: Array) -> None:
+        """Take the next values, (k,), k ≥ 1."""
+        if not self.count:
+            self._origin = float(y.mean())
+        if self.count < LONGEST:
+            self._first.append(y[: LONGEST - self.count].copy())
+        sums = self._last + np.cumsum(y - self._origin)
+        # sums[0] is the cumulative sum number count + 1.
+        skip = (-(self.count + 1)) % KEPT_EVERY
+        self._kept.append(sums[skip::KEPT_EVERY].copy())
+        self._last = float(sums[-1])
+        self.count += y.size
+
+    def means(self) -> Array:
+        """Return the values, or of more than 2¹⁷ the means of as many blocks at most."""
+        if self.count <= LONGEST:
+            return np.concatenate([np.zeros(0), *self._first])
+        means = self._origin + np.diff(np.concatenate(self._kept)) / KEPT_EVERY
+        return block_means(means, -(-means.size // LONGEST))
 
 
 class StreamedChannel:

@@ -42,8 +42,8 @@ class NoiseTerm:
         Allan variance.
     variogram : function of (h, Δ, T)
         At lags h = 1, 2, … of blocks of Δ.
-    gyro_unit, accelerometer_unit : str
-        In which the coefficient is printed.
+    units : dict of str to str
+        In which the coefficient is printed, by the word for the sensor.
     """
 
     symbol: str
@@ -51,8 +51,7 @@ class NoiseTerm:
     psd: Callable[[Array, float, float], Array]
     avar: Callable[[Array, float, float], Array]
     variogram: Callable[[Array, float, float], Array]
-    gyro_unit: str
-    accelerometer_unit: str
+    units: dict[str, str]
 
 
 def _flicker_variogram(h: Array, dt: float, _: float) -> Array:
@@ -98,8 +97,7 @@ TERMS = {
             lambda f, dt, _: (2 * np.pi * f) ** 2 * dt,
             lambda tau, dt, _: 3 / tau**2,
             lambda h, dt, _: np.where(h == 1, 3.0, 2.0) / dt**2,
-            "″",
-            "m/s",
+            {"gyro": "″", "accelerometer": "m/s"},
         ),
         NoiseTerm(
             "N",
@@ -107,8 +105,7 @@ TERMS = {
             lambda f, dt, _: np.ones_like(f),
             lambda tau, dt, _: 1 / tau,
             lambda h, dt, _: np.full(np.shape(h), 1 / dt),
-            "°/√h",
-            "µg/√Hz",
+            {"gyro": "°/√h", "accelerometer": "µg/√Hz"},
         ),
         NoiseTerm(
             "B",
@@ -116,8 +113,7 @@ TERMS = {
             lambda f, dt, _: 1 / (2 * np.pi * f),
             lambda tau, dt, _: np.full(np.shape(tau), FLICKER_FLOOR),
             _flicker_variogram,
-            "°/h",
-            "µg",
+            {"gyro": "°/h", "accelerometer": "µg"},
         ),
         NoiseTerm(
             "K",
@@ -125,8 +121,7 @@ TERMS = {
             lambda f, dt, _: (2 * np.pi * f) ** -2.0,
             lambda tau, dt, _: tau / 3,
             lambda h, dt, _: 0.5 * dt * (h - 1 / 3),
-            "°/h/√s",
-            "µg/√s",
+            {"gyro": "°/h/√s", "accelerometer": "µg/√s"},
         ),
         NoiseTerm(
             "G",
@@ -134,8 +129,7 @@ TERMS = {
             lambda f, dt, time: 2 * time / (1 + (2 * np.pi * f * time) ** 2),
             _markov_avar,
             _markov_variogram,
-            "°/h",
-            "µg",
+            {"gyro": "°/h", "accelerometer": "µg"},
         ),
     )
 }

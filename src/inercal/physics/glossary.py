@@ -10,7 +10,8 @@ from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
 
-from inercal.physics.sensors.coefficient_tables import ACCELEROMETER, GYRO, ErrorTerm
+from inercal.physics.quantities import QUANTITIES
+from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
 
 _INTRODUCTION = """# Glossary
 
@@ -61,9 +62,9 @@ def glossary() -> tuple[TermGroup, ...]:
         TermGroup(group["title"], tuple(Term(**term) for term in group["terms"]))
         for group in content["group"]
     ]
-    for title, table in (("accelerometers", ACCELEROMETER), ("gyros", GYRO)):
-        terms = tuple(map(_coefficient_term, table))
-        groups.append(TermGroup(f"Coefficients of {title}", terms, f"{title}-"))
+    for kind, table in TABLES.items():
+        terms, sensors = tuple(map(_coefficient_term, table)), QUANTITIES[kind].sensors
+        groups.append(TermGroup(f"Coefficients of {sensors}", terms, f"{sensors}-"))
     return tuple(groups)
 
 

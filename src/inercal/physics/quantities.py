@@ -2,6 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
+
+Measures = Literal["f", "w"]
+"""The symbol of a quantity in `QUANTITIES`."""
 
 
 @dataclass(frozen=True)
@@ -10,7 +14,7 @@ class Quantity:
 
     Parameters
     ----------
-    symbol : str
+    symbol : "f" or "w"
         The letter in `Axis.measures`, "f".
     name : str
         "specific force".
@@ -24,7 +28,7 @@ class Quantity:
         Short names of its bias and scale factor in the table of coefficients.
     """
 
-    symbol: str
+    symbol: Measures
     name: str
     sensor: str
     sensors: str

@@ -52,7 +52,7 @@ from inercal.recordings.data import EstimatorInput
 from inercal.runfile import Run, read
 
 if TYPE_CHECKING:
-    from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchHistory
 
 
 @with_one_thread
@@ -162,7 +162,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _Fitte
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
     zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
     findings += zero_rates
-    sampled = inputs.sensor_of_samples(sensor)
+    solver_sensor = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings
     generations: list[Generation] = []
@@ -173,7 +173,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _Fitte
             progress(generation)
 
     try:
-        estimate = run.solver(after)(observations, sampled, bench, inputs.plan, run.priors)
+        estimate = run.solver(after)(observations, solver_sensor, bench, inputs.plan, run.priors)
     except (InputError, NotObserved) as error:
         located = error.located(run.path)
         located.args = (f"{located}{_possible_causes(inputs, sensor, zero_rates, error)}",)
@@ -219,7 +219,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _Fitte
     assumed = find_assumed_constants(expected)
 
     def solve(other: Bench) -> Estimate:
-        return run.solver()(observations, sampled, other, inputs.plan, run.priors)
+        return run.solver()(observations, solver_sensor, other, inputs.plan, run.priors)
 
     try:
         require_small_assumed_share(assumed, estimate, p, bench, solve)
@@ -314,7 +314,7 @@ def _calibrate(stated: Run, progress: "Callable[[Generation], None] | None") -> 
 def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHistory | None":
     if run.search is None:
         return None
-    from inercal.methods.ship_multi_angle.global_search import SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
 
     return SearchHistory(run.search.goal, tuple(generations))
 

@@ -22,7 +22,7 @@ from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.segments import RestDetection
 
 if TYPE_CHECKING:
-    from inercal.methods.ship_multi_angle.global_search import SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,7 +10,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.estimation import Estimate
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Sensor
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
@@ -33,18 +32,17 @@ from inercal.pipeline.temperature_orders import (
 from inercal.recordings import Finding, Observations, temperature_rate
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.environment import Environment
-from inercal.recordings.environment.common_errors import (
-    changed_by_soak_errors,
-    with_added_covariance,
-    with_temperature_shift,
-)
-from inercal.recordings.environment.soak_loops import SoakLoop, soak_loops
 from inercal.recordings.environment.soaks import (
     SOAK_SPREAD,
+    SoakLoop,
+    changed_by_soak_errors,
     distinct_levels,
+    soak_loops,
     soak_numbers,
     soak_temperatures,
+    with_added_covariance,
     with_soak_errors,
+    with_temperature_shift,
 )
 from inercal.runfile import Run
 from inercal.runfile.environment_section import MAX_ORDERS, ORDERED
@@ -101,7 +99,7 @@ class TemperatureFit:
     """
 
     soaks: NDArray[np.float64]
-    orders: Mapping[Literal["f", "w"], Orders]
+    orders: Mapping[Measures, Orders]
     tests: tuple[OrderTest, ...] = ()
     left_out: tuple[SoakLeftOut, ...] = ()
     ratio: float = 1.0
@@ -243,7 +241,7 @@ def fit_over_temperatures(
     return run, replace(inputs, observations=observations), found
 
 
-def _orders_of(run: Run) -> dict[Literal["f", "w"], Orders]:
+def _orders_of(run: Run) -> dict[Measures, Orders]:
     """Return the orders in use by kind of axes; none where they were not stated or tested."""
     return {} if run.temperature_order is None else used_orders(run.sensor)
 
@@ -349,11 +347,11 @@ class _Solver:
 
     def solve(self, observations: Observations, sensor: Sensor) -> Estimate:
         inputs, bench = self.inputs, self.inputs.bench or self.run.bench
-        sampled, plan = inputs.sensor_of_samples(sensor), inputs.plan
+        solver_sensor, plan = inputs.sensor_of_samples(sensor), inputs.plan
         if len(observations.labels) < len(inputs.observations.labels):
             by_label = {step.label: step for step in plan}
             plan = tuple(by_label[label] for label in observations.labels)
-        return self.run.solver()(observations, sampled, bench, plan, self.run.priors)
+        return self.run.solver()(observations, solver_sensor, bench, plan, self.run.priors)
 
     def leave_out(
         self, observations: Observations, sensor: Sensor, whole: Estimate

@@ -8,13 +8,13 @@ orders.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Literal
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.runfile.environment_section import MAX_ORDERS, order_terms, orders_of_terms
 
@@ -31,7 +31,7 @@ class OrderTest:
     ratio: float  # χ²/ν
 
 
-def with_orders(sensor: Sensor, orders: Mapping[Literal["f", "w"], Sequence[int]]) -> Sensor:
+def with_orders(sensor: Sensor, orders: Mapping[Measures, Sequence[int]]) -> Sensor:
     """Return the sensor with the terms of these orders alone, of those that it has."""
     ordered = {kind: set(order_terms(kind, MAX_ORDERS)) for kind in orders}
     wanted = {kind: set(order_terms(kind, most)) for kind, most in orders.items()}
@@ -45,10 +45,10 @@ def with_orders(sensor: Sensor, orders: Mapping[Literal["f", "w"], Sequence[int]
     return replace(sensor, coefficients=tuple(n for n in sensor.coefficients if kept(n)))
 
 
-def used_orders(sensor: Sensor) -> dict[Literal["f", "w"], Orders]:
+def used_orders(sensor: Sensor) -> dict[Measures, Orders]:
     """Return the highest order of bias, scale factor and misalignment by kind of axes."""
-    result: dict[Literal["f", "w"], Orders] = {}
-    kinds: tuple[Literal["f", "w"], ...] = ("f", "w")
+    result: dict[Measures, Orders] = {}
+    kinds: tuple[Measures, ...] = ("f", "w")
     for kind in kinds:
         if all(axis.measures != kind for axis in sensor.axes):
             continue

@@ -5,14 +5,8 @@ trials, `(..., n, m)`; trials share times and labels.
 """
 
 from inercal.recordings.findings import Finding, Severity, merge_findings, merge_messages
-from inercal.recordings.observations import Observations, join_observations
-from inercal.recordings.rounding_errors import (
-    ReadingSteps,
-    RoundedChannel,
-    RoundingErrors,
-    rounded_channels,
-    rounding_notes,
-)
+from inercal.recordings.observations import Observations, Transitions, join_observations
+from inercal.recordings.rounding_errors import ReadingSteps, RoundedChannel, add_rounding
 from inercal.recordings.samples import (
     GAP_FACTOR,
     STAMP_ROUNDING,
@@ -21,38 +15,29 @@ from inercal.recordings.samples import (
     Recording,
     sample_count,
 )
-from inercal.recordings.temperature_course import (
-    TEMPERATURE_VARIATION,
-    ahead_of_lag,
-    temperature_rate,
-)
+from inercal.recordings.temperature import ahead_of_lag, temperature_rate
 from inercal.recordings.track import AngleQuality, Track, join_tracks
-from inercal.recordings.transitions import HalfSectionChanges, Transitions
 
 __all__ = [
     "GAP_FACTOR",
     "STAMP_ROUNDING",
-    "TEMPERATURE_VARIATION",
     "AngleQuality",
     "Finding",
-    "HalfSectionChanges",
     "Indices",
     "Mark",
     "Observations",
     "ReadingSteps",
     "Recording",
     "RoundedChannel",
-    "RoundingErrors",
     "Severity",
     "Track",
     "Transitions",
+    "add_rounding",
     "ahead_of_lag",
     "join_observations",
     "join_tracks",
     "merge_findings",
     "merge_messages",
-    "rounded_channels",
-    "rounding_notes",
     "sample_count",
     "temperature_rate",
 ]

@@ -9,14 +9,83 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.recordings.rounding_errors import RoundingErrors, join_rounding_errors
+from inercal.recordings.rounding_errors import (
+    RoundingErrors,
+    join_covariances,
+    join_rounding_errors,
+)
 from inercal.recordings.samples import Indices
-from inercal.recordings.temperature_course import temperature_varies
+from inercal.recordings.temperature import temperature_varies
 from inercal.recordings.track import Track
-from inercal.recordings.transitions import HalfSectionChanges, Transitions
 
 if TYPE_CHECKING:
     from inercal.estimation import ModelTest
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """Motion of the sensor from each rest to the next, as ranges of samples.
+
+    A transition is weighted from the mean attitude of one rest to that of the next: the weight of a
+    sample rises from 0 to 1 along samples `start` to `left`, and falls along `reached` to `stop`.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s, of each sample of the recording.
+    output : (n, m) array
+        Readings of the sensor's axes in output units.
+    rest : (k,) array of int
+        Row of the observations at the begin of each transition; it ends at the next row.
+    start, left, reached, stop : (k,) arrays of int
+        Samples: `left` is the last sample of the rest before, `reached` the first sample of the
+        rest after, `stop` the last sample of the transition.
+    temperature : (n,) array or None
+        K, of each sample.
+    """
+
+    time: Array
+    output: Array
+    rest: Indices
+    start: Indices
+    left: Indices
+    reached: Indices
+    stop: Indices
+    temperature: Array | None = None
+
+    @property
+    def duration(self) -> Array:
+        """Effective duration of each transition, (k,) s: rotation over a constant rate."""
+        t = self.time
+        ends = t[self.left] - t[self.start] + t[self.stop] - t[self.reached]
+        return t[self.reached] - t[self.left] + 0.5 * ends
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSectionChanges:
+    """Changes of the readings of r sections at rest from the first half to the second.
+
+    Parameters
+    ----------
+    change : (r, m) array
+        Mean of the second half less that of the first, output units.
+    integral : (r, m) array
+        Integral of the readings over time, with the weight by which a rate rotates the first mean
+        attitude into the second: from 0 to 1 across the first half, and back; output units times s.
+    seconds : (r,) array
+        Integral of that weight.
+    square : (r,) array
+        Sum of the weights' squares times the step squared, s²: the variance of an integral over
+        that of a sample.
+    warming : (r,) array or None
+        Mean temperature of the second half less that of the first, K.
+    """
+
+    change: Array
+    integral: Array
+    seconds: Array
+    square: Array
+    warming: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,15 +305,11 @@ def join_observations(one: Observations, other: Observations) -> Observations:
     The result has temperatures only where both have.
     """
     r, s, m = len(one.labels), len(other.labels), len(one.channels)
-    drift, course = None, None
+    course = None
     if one.drift_mean is not None or other.drift_mean is not None:
         course = np.zeros((r + s, m))
         course[:r] = 0.0 if one.drift_mean is None else one.drift_mean
         course[r:] = 0.0 if other.drift_mean is None else other.drift_mean
-    if one.drift is not None or other.drift is not None:
-        drift = np.zeros((r + s, r + s, m))
-        drift[:r, :r] = 0.0 if one.drift is None else one.drift
-        drift[r:, r:] = 0.0 if other.drift is None else other.drift
     return Observations(
         labels=(*one.labels, *other.labels),
         mean=np.concatenate([one.mean, other.mean], axis=-2),
@@ -254,7 +319,7 @@ def join_observations(one: Observations, other: Observations) -> Observations:
         time=np.concatenate([one.time, other.time]),
         channels=one.channels,
         dof=min(one.dof, other.dof),
-        drift=drift,
+        drift=join_covariances(one.drift, other.drift, r, s),
         drift_mean=course,
         rounding=join_rounding_errors(one.rounding, other.rounding, r, s),
         tests=(*one.tests, *other.tests),

@@ -173,7 +173,7 @@ class RoundingErrors:
         return replace(self, covariance=self.covariance[np.ix_(at, at)])
 
 
-def rounded_channels(
+def _rounded_channels(
     sensor: Sensor, steps: ReadingSteps, covariance: Array, variance: Array
 ) -> tuple[RoundedChannel, ...]:
     """Return the channels whose steps leave more error than noise in a mean.
@@ -203,27 +203,55 @@ def rounded_channels(
     )
 
 
+def add_rounding(
+    sensor: Sensor, rounding: RoundingErrors, covariance: Array, variance: Array
+) -> tuple[RoundingErrors, Array, tuple[str, ...]]:
+    """Return the errors with their channels, the covariance of the means with them, and notes.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    rounding : RoundingErrors
+    covariance : (..., r, m, m) array
+        Of the means, without rounding.
+    variance : (m,) array
+        Of the error by rounding of a mean, SI.
+    """
+    channels = _rounded_channels(sensor, rounding.steps, covariance, variance)
+    added = rounding.variances[:, :, None] * np.eye(variance.size)
+    notes = _rounding_notes(sensor, channels)
+    return replace(rounding, channels=channels), covariance + added, notes
+
+
 def join_rounding_errors(
     one: RoundingErrors | None, other: RoundingErrors | None, r: int, s: int
 ) -> RoundingErrors | None:
     """Return the errors of r and then s rows of two recordings; they are independent."""
-    if one is None or other is None:
-        known = one or other
-        if known is None:
-            return None
-        m = known.covariance.shape[-1]
-        nothing = [np.zeros((n, n, m)) for n in (r, s)]
-        one, other = (
-            one or RoundingErrors(nothing[0], known.steps),
-            other or RoundingErrors(nothing[1], known.steps),
-        )
-    joined = np.zeros((r + s, r + s, one.covariance.shape[-1]))
-    joined[:r, :r], joined[r:, r:] = one.covariance, other.covariance
-    coarser = one if one.steps.variance.sum() >= other.steps.variance.sum() else other
-    return RoundingErrors(joined, coarser.steps, coarser.channels)
+    known = [errors for errors in (one, other) if errors is not None]
+    covariance = join_covariances(one and one.covariance, other and other.covariance, r, s)
+    if covariance is None:
+        return None
+    coarser = max(known, key=lambda errors: float(errors.steps.variance.sum()))
+    return RoundingErrors(covariance, coarser.steps, coarser.channels)
 
 
-def rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple[str, ...]:
+def join_covariances(one: Array | None, other: Array | None, r: int, s: int) -> Array | None:
+    """Return the covariance of r and then s independent rows, (r + s, r + s, m); None for neither.
+
+    Without a covariance, rows have the covariance 0.
+    """
+    known = other if one is None else one
+    if known is None:
+        return None
+    joined = np.zeros((r + s, r + s, known.shape[-1]))
+    if one is not None:
+        joined[:r, :r] = one
+    if other is not None:
+        joined[r:, r:] = other
+    return joined
+
+
+def _rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple[str, ...]:
     """Return a line on each kind of channels that are rounded, and on dead bands."""
     kinds = {axis.name: axis.measures for axis in sensor.axes}
     notes: list[str] = []

@@ -1,7 +1,7 @@
 """The samples of a run in SI, for estimators that follow them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.recordings.samples import Indices
-from inercal.recordings.temperature_course import temperature_varies
+from inercal.recordings.temperature import temperature_varies
 
 
 class AngleQuality(NamedTuple):
@@ -104,14 +104,15 @@ class Track:
         return self._select(np.isfinite(self.angle_quality.interpolation_sd))
 
     def _select(self, at: "NDArray[np.bool_] | slice") -> "Track":
-        return Track(
-            self.time[at],
-            self.reading[..., at, :],
-            self.angles[..., at, :],
-            self.hold[at],
-            None if self.temperature is None else self.temperature[..., at],
-            None if self.angle_quality is None else self.angle_quality.where(at),
-            self.samples_are_means,
+        quality, t = self.angle_quality, self.temperature
+        return replace(
+            self,
+            time=self.time[at],
+            reading=self.reading[..., at, :],
+            angles=self.angles[..., at, :],
+            hold=self.hold[at],
+            temperature=None if t is None else t[..., at],
+            angle_quality=None if quality is None else quality.where(at),
         )
 
     def angle_variance(self, variance: float) -> Array:
@@ -132,17 +133,8 @@ class Track:
     def trial(self, *index: int) -> "Track":
         """Return a single trial; all trials share a temperature without axes of trials."""
         t = self.temperature
-        if t is not None and t.ndim > 1:
-            t = t[index]
-        return Track(
-            self.time,
-            self.reading[index],
-            self.angles[index],
-            self.hold,
-            t,
-            self.angle_quality,
-            self.samples_are_means,
-        )
+        t = t[index] if t is not None and t.ndim > 1 else t
+        return replace(self, reading=self.reading[index], angles=self.angles[index], temperature=t)
 
     def temperature_offset(self, reference: float) -> Array | None:
         """Return the temperature of each sample minus a reference, (..., n) K; None without one."""

@@ -52,8 +52,8 @@ def write_report(
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.calibration_page import page
-    return write_text(path, page(outcome, truth, history))
+        from inercal.report.calibration_page import calibration_page
+    return write_text(path, calibration_page(outcome, truth, history))
 
 
 def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
@@ -111,8 +111,8 @@ def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: 
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.refusal_page import page
-    return write_text(path, page(seen, sensor, message))
+        from inercal.report.recording_pages import refusal_page
+    return write_text(path, refusal_page(seen, sensor, message))
 
 
 def write_history(
@@ -140,26 +140,6 @@ def write_history(
     return write_text(path, history_page(history, next_one, noise))
 
 
-def write_noise_history(
-    sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", path: str | Path
-) -> Path:
-    """Write the page of the noise of a sensor without calibrations; return its path.
-
-    Parameters
-    ----------
-    sensor : SensorEntry
-    noise : sequence of NoiseEntry
-        One at least, as they were measured.
-    path : path
-
-    Raises
-    ------
-    InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
-    """
-    return write_text(path, noise_history_page(sensor, noise))
-
-
 def noise_history_page(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]") -> str:
     """Return the page of the noise of a sensor without calibrations, HTML.
 
@@ -169,8 +149,8 @@ def noise_history_page(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]") -> 
         matplotlib or jinja2 is missing.
     """
     with _extras():
-        from inercal.report.noise_history_section import page
-    return page(sensor, noise)
+        from inercal.report.noise_history_section import noise_history_page as noise_page
+    return noise_page(sensor, noise)
 
 
 def history_page(
@@ -186,8 +166,8 @@ def history_page(
         matplotlib or jinja2 is missing.
     """
     with _extras():
-        from inercal.report.sensor_history_page import page
-    return page(history, next_one, noise)
+        from inercal.report.sensor_history_page import sensor_history_page
+    return sensor_history_page(history, next_one, noise)
 
 
 def write_control(
@@ -208,8 +188,8 @@ def write_control(
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.control_page import page
-    return write_text(path, page(charts, doubtful))
+        from inercal.report.control_page import control_page
+    return write_text(path, control_page(charts, doubtful))
 
 
 def write_bench_control(
@@ -230,8 +210,8 @@ def write_bench_control(
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.bench_control_page import page
-    return write_text(path, page(charts, doubtful))
+        from inercal.report.control_page import bench_control_page
+    return write_text(path, bench_control_page(charts, doubtful))
 
 
 def write_draft(draft: Draft, path: str | Path) -> Path:
@@ -248,8 +228,8 @@ def write_draft(draft: Draft, path: str | Path) -> Path:
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.draft_page import page
-    return write_text(path, page(draft))
+        from inercal.report.recording_pages import draft_page
+    return write_text(path, draft_page(draft))
 
 
 def write_noise(
@@ -275,8 +255,8 @@ def write_noise(
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.noise_page import page
-    return write_text(path, page(analysis, recording, sheet))
+        from inercal.report.noise_page import noise_page
+    return write_text(path, noise_page(analysis, recording, sheet))
 
 
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
@@ -295,8 +275,8 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.budget_page import page
-    return write_text(path, page(budget, under))
+        from inercal.report.budget_page import budget_page
+    return write_text(path, budget_page(budget, under))
 
 
 def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
@@ -315,8 +295,8 @@ def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
         jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.worksheet_page import page
-    return write_text(path, page(sheet, table))
+        from inercal.report.worksheet_page import worksheet_page
+    return write_text(path, worksheet_page(sheet, table))
 
 
 _EXTRA = ("report", "reports need matplotlib and jinja2", ("matplotlib", "jinja2", "markupsafe"))
@@ -335,20 +315,3 @@ def require_report_packages() -> None:
         matplotlib or jinja2 is missing.
     """
     require_installed(*_EXTRA)
-
-
-__all__ = [
-    "history_page",
-    "noise_history_page",
-    "plot_coverage",
-    "plot_residuals",
-    "require_report_packages",
-    "write_budget",
-    "write_draft",
-    "write_history",
-    "write_noise",
-    "write_noise_history",
-    "write_refusal",
-    "write_report",
-    "write_worksheet",
-]

@@ -3,7 +3,7 @@
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -28,60 +28,39 @@ _MIN_SHARE = 1e-4  # of the variance: a hundredth of the length
 _NAME_WIDTH, _NUMBER_WIDTH = 1.5, 0.55  # inches, left and right of the bars
 
 
-@dataclass(frozen=True)
-class CoefficientBudget:
-    """One coefficient of the page, with its rows of the table of contributions."""
-
-    name: str
-    meaning: str
-    unit: str
-    rows: tuple[BudgetRow, ...]
-    stated: str
-    bias: str
-    bias_error: str
-    shifts: tuple[str, ...]
-
-    @property
-    def total(self) -> BudgetRow:
-        """The last row."""
-        return self.rows[-1]
-
-    @property
-    def largest(self) -> BudgetRow:
-        """The first row, of the largest contribution."""
-        return self.rows[0]
-
-
-def page(budget: Budget, under: str) -> str:
+def budget_page(budget: Budget, under: str) -> str:
     """Return the page as HTML; `under` is the text under the sensor's name."""
     sensor = budget.experiment.sensor
     parts = [_coefficient_budget(budget, k, name) for k, name in enumerate(sensor.coefficients)]
-    panels = [(f"{part.name}, {part.unit}", part.rows) for part in parts]
     return render(
         "budget.html",
         sensor=sensor,
         under=under,
         budget=budget,
         parts=parts,
-        figure=contribution_bars(panels),
+        figure=contribution_bars(
+            [(f"{part['name']}, {part['unit']}", part["rows"]) for part in parts]
+        ),
         relative=f"{100 / (2 * budget.trials) ** 0.5:.2g}",
     )
 
 
-def _coefficient_budget(budget: Budget, k: int, name: str) -> CoefficientBudget:
-    line = budget.experiment.sensor.coefficient(name)
+def _coefficient_budget(budget: Budget, k: int, name: str) -> dict[str, Any]:
+    """Return what the page shows of a coefficient; the last row of the table is the total."""
+    line, rows = budget.experiment.sensor.coefficient(name), contribution_rows(budget, k)
     stated, bias, error = uncertainty_and_bias_cells(budget, k)
-    shifts = tuple(typeset_minus(cell) for cell in shift_cells(budget, k))
-    return CoefficientBudget(
-        name,
-        line.meaning,
-        line.unit,
-        tuple(contribution_rows(budget, k)),
-        stated,
-        typeset_minus(bias),
-        error,
-        shifts,
-    )
+    return {
+        "name": name,
+        "meaning": line.meaning,
+        "unit": line.unit,
+        "rows": rows,
+        "largest": rows[0],
+        "total": rows[-1],
+        "stated": stated,
+        "bias": typeset_minus(bias),
+        "bias_error": error,
+        "shifts": [typeset_minus(cell) for cell in shift_cells(budget, k)],
+    }
 
 
 @drawing.style

@@ -20,7 +20,6 @@ from inercal.physics.plan import Hold, Rotation, Spin, Step, Turn
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.pipeline import Outcome
 from inercal.report import filter_figures, report_tables
-from inercal.report import hypothesis_tests as judged
 from inercal.report.drawing import draw_plot
 from inercal.report.figures import correlations, departures, residuals
 from inercal.report.recording_residuals import (
@@ -32,6 +31,9 @@ from inercal.report.sphere import missing_faces, sphere
 from inercal.report.temperature_section import temperature_section
 from inercal.report.templates import render
 from inercal.report.traces import scatter_figure, section_figure
+
+if TYPE_CHECKING:
+    from inercal.laboratory.store import SensorHistory
 
 _COMMA = re.compile(r", (?![^(]*\))")  # outside brackets
 
@@ -54,14 +56,14 @@ class VerdictLine:
 
 def verdict_lines(lines: Sequence[str]) -> tuple[VerdictLine, ...]:
     """Return the lines of a verdict, with the causes that the data cannot show as a list."""
-    return tuple(_line(text) for text in lines)
-
-
-def _line(text: str) -> VerdictLine:
-    if not text.startswith(UNDETECTED_START):
-        return VerdictLine(text)
-    listed, _, rest = text.partition(UNDETECTED_END)[2].partition("; ")
-    return VerdictLine(rest, tuple(_cause(one) for one in _COMMA.split(listed)))
+    found: list[VerdictLine] = []
+    for text in lines:
+        causes: tuple[tuple[str, str, str], ...] = ()
+        if text.startswith(UNDETECTED_START):
+            listed, _, text = text.partition(UNDETECTED_END)[2].partition("; ")
+            causes = tuple(_cause(one) for one in _COMMA.split(listed))
+        found.append(VerdictLine(text, causes))
+    return tuple(found)
 
 
 def _cause(text: str) -> tuple[str, str, str]:
@@ -73,22 +75,7 @@ def _cause(text: str) -> tuple[str, str, str]:
     return name, meaning, size
 
 
-if TYPE_CHECKING:
-    from inercal.laboratory.store import SensorHistory
-
-
-@dataclass(frozen=True)
-class AttitudeRow:
-    """One position or turn of the table of attitudes."""
-
-    label: str
-    description: str
-    deviation_angle: str
-    seconds: str
-    samples: str
-
-
-def page(
+def calibration_page(
     outcome: Outcome, truth: Mapping[str, float] | None, register: "SensorHistory | None" = None
 ) -> str:
     """Return the whole page, HTML.
@@ -129,9 +116,10 @@ def page(
         run_file=calibration.provenance.get("run file", "run.toml"),
         temperature=temperature_section(outcome),
         residuals=_residual_figure(outcome),
-        tests=judged.hypothesis_test_rows(outcome),
-        candidates=judged.candidate_rows(outcome),
-        candidate_count=judged.candidate_count(outcome),
+        tests=outcome.verdict.tests,
+        p_value=report_tables.short_p_value,
+        candidates=report_tables.candidate_rows(outcome),
+        candidate_count=report_tables.candidate_count(outcome),
         whole=uses_whole_recording(outcome),
         words=words,
         plots=[(one.text, draw_plot(one)) for one in (*kind.plots(outcome), *outcome.plots)],
@@ -188,17 +176,9 @@ def _history_section(register: "SensorHistory") -> tuple[list[Markup], Markup]:
     return summary_lines(register), history_section(register)
 
 
-@dataclass(frozen=True)
-class FilterFigures:
-    """The figures of sequential filters, SVG."""
-
-    convergence: Markup
-    smoothed: Markup | None
-    innovations: Markup
-    path: Markup | None
-
-
-def _filter_figures(outcome: Outcome, truth: Mapping[str, float] | None) -> FilterFigures | None:
+def _filter_figures(
+    outcome: Outcome, truth: Mapping[str, float] | None
+) -> dict[str, Markup | None] | None:
     """Return the figures of how filters came to the result; None of other estimators."""
     found, track, bench = outcome.estimate.courses, outcome.observations.track, outcome.bench
     if not found:
@@ -206,12 +186,12 @@ def _filter_figures(outcome: Outcome, truth: Mapping[str, float] | None) -> Filt
     path = None
     if track is not None and is_turntable(bench):
         path = filter_figures.path_figure(track, bench)
-    return FilterFigures(
-        filter_figures.convergence_figure(outcome, truth),
-        filter_figures.smoothed_figure(found, outcome.calibration.sensor),
-        filter_figures.innovation_figure(found),
-        path,
-    )
+    return {
+        "convergence": filter_figures.convergence_figure(outcome, truth),
+        "smoothed": filter_figures.smoothed_figure(found, outcome.calibration.sensor),
+        "innovations": filter_figures.innovation_figure(found),
+        "path": path,
+    }
 
 
 def has_norm_residuals(outcome: Outcome) -> bool:
@@ -251,26 +231,29 @@ def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
     return [(name, text) for name, text in result if text]
 
 
-def attitude_rows(outcome: Outcome, found: Sequence[MeasuredDirection]) -> list[AttitudeRow]:
-    """Return the rows of the table of positions and turns.
+def attitude_rows(
+    outcome: Outcome, found: Sequence[MeasuredDirection]
+) -> list[tuple[str, str, str, str, str]]:
+    """Return label, description, angle of deviation, seconds and samples of positions and turns.
 
     The axis of a turn has no angle here: the gyros' misalignments were estimated from it.
     """
     observed = outcome.observations
     off = {attitude.step.label: attitude.deviation_angle for attitude in found}
-
     in_words = outcome.kind.row
-
-    def what(step: Step, row: int) -> str:
-        return report_tables.typeset_minus(in_words(step, outcome, row))
 
     def away(step: Step) -> str:
         angle = off.get(step.label, nan)
         return "" if isinstance(step, Turn | Rotation) or isnan(angle) else f"{degrees(angle):.2f}"
 
+    lengths = zip(observed.duration.tolist(), observed.samples.tolist(), strict=True)
     return [
-        AttitudeRow(step.label, what(step, row), away(step), f"{seconds:.2f}", str(samples))
-        for row, (step, seconds, samples) in enumerate(
-            zip(outcome.steps, observed.duration.tolist(), observed.samples.tolist(), strict=True)
+        (
+            step.label,
+            report_tables.typeset_minus(in_words(step, outcome, row)),
+            away(step),
+            f"{seconds:.2f}",
+            str(samples),
         )
+        for row, (step, (seconds, samples)) in enumerate(zip(outcome.steps, lengths, strict=True))
     ]

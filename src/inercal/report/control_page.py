@@ -1,45 +1,40 @@
-"""The page of the control charts of a check standard."""
+"""The pages of control charts: of a check standard, and of a bench by its own runs."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Sequence
-from datetime import datetime
-from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import ConciseDateFormatter
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.estimation.uncertainty.control_charts import KINDS, LastingKind
 from inercal.laboratory.check_standard import ControlCharts
+from inercal.laboratory.check_standard.bench_chart_texts import (
+    bench_lines,
+    day_signals,
+    newest_statistics,
+)
+from inercal.laboratory.check_standard.bench_charts import BenchCharts
 from inercal.laboratory.check_standard.chart_texts import control_lines, day, signal_text
 from inercal.laboratory.store import CalibrationEntry
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
-from inercal.report.report_tables import typeset_minus
+from inercal.report.report_tables import sentence, typeset_minus
 from inercal.report.templates import render
 
 _HEIGHT, _LABEL_ROOM, _COLUMNS = 1.3, 0.4, 2
-_DAY = 86_400.0
 _FORMATS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S"]
-
-
-LASTING_WORDS: dict[LastingKind, tuple[str, str]] = {
+_LASTING_WORDS: dict[LastingKind, tuple[str, str]] = {
     "EWMA": ("EWMA", "its moving mean, the EWMA, in its own"),
     "CUSUM": ("CUSUM", "the larger of its sums, the CUSUM"),
 }
 
 
-class _ChartFigure(NamedTuple):
-    title: str
-    figure: Markup
-
-
-def page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = None) -> str:
+def control_page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = None) -> str:
     """Return the whole page, HTML.
 
     Parameters
@@ -48,14 +43,14 @@ def page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = Non
     doubtful : sequence of CalibrationEntry, optional
         Calibrations of a register while the bench was doubtful.
     """
-    lines = [_sentence(line) for line in control_lines(found)]
+    lines = [sentence(line) for line in control_lines(found)]
     return render(
         "control.html",
         sensor=found.matched.sensor.name,
         reference=found.reference_days,
         until=day(found.reference_end),
         days=len(found.points),
-        lasting=LASTING_WORDS[found.limits.lasting_kind],
+        lasting=_LASTING_WORDS[found.limits.lasting_kind],
         tone="good" if not found.episodes else "care" if found.in_control else "bad",
         summary=lines[0],
         lines=lines[1:],
@@ -73,89 +68,136 @@ def page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = Non
             if not one.in_control
         ],
         doubtful=doubtful,
-        doubtful_rows=doubtful_rows(doubtful or ()),
+        doubtful_rows=_doubtful_rows(doubtful or ()),
     )  # fmt: skip
 
 
-def doubtful_rows(entries: Sequence[CalibrationEntry]) -> list[tuple[str, str, str, str]]:
+def _doubtful_rows(entries: Sequence[CalibrationEntry]) -> list[tuple[str, str, str, str]]:
     """Return the rows of the section of doubtful calibrations."""
     return [(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in entries]
-
-
-def _sentence(line: str) -> str:
-    return typeset_minus(f"{line[0].upper()}{line[1:]}.")
 
 
 def _times(found: ControlCharts) -> Array:
     """Return when each day was measured, in days since 1970."""
     times = (max(found.sessions[k].measured for k in one) for one in found.days.sessions)
-    return np.array([datetime.fromisoformat(time).timestamp() / _DAY for time in times])
+    return np.array([drawing.days(time) for time in times])
 
 
 @drawing.style
 def _joint_figure(found: ControlCharts) -> Markup:
-    figure, rows = drawing.panels(_HEIGHT, [_LABEL_ROOM], _COLUMNS)
+    figure, places = drawing.grid(_HEIGHT, _LABEL_ROOM, 2, _COLUMNS)
     at = _times(found)[found.reference_days :]
     values, limits = found.values, found.limits
     panels = (("T²", values.t2, limits.t2), ("MEWMA", values.mewma, limits.mewma))
-    for axes, (name, statistic, limit) in zip(rows[0], panels, strict=True):
-        draw_points(axes, at, statistic, statistic > limit)
+    for axes, (name, statistic, limit) in zip(places, panels, strict=True):
+        _draw_points(axes, at, statistic, statistic > limit)
         axes.axhline(limit, color=WARN, lw=0.9, ls="--")
         axes.set_ylim(0, 1.1 * max(limit, float(statistic.max())))
         axes.set_title(f"{name}, limit {limit:.1f}")
-        draw_dates(axes)
+        drawing.name_dates(axes, _FORMATS, _FORMATS)
     return svg(figure, "joint", "T² and MEWMA over time with their limits")
 
 
-def _axis_figures(found: ControlCharts) -> list[_ChartFigure]:
+def _axis_figures(found: ControlCharts) -> list[Markup]:
     groups: dict[str, list[int]] = {}
     for k, name in enumerate(found.names):
         groups.setdefault(CoefficientName(name).axis, []).append(k)
-    return [
-        _ChartFigure(axis, _axis_figure(found, places, f"axis{n}"))
-        for n, (axis, places) in enumerate(groups.items())
-    ]
+    return [_axis_figure(found, places, f"axis{n}") for n, places in enumerate(groups.values())]
 
 
 @drawing.style
 def _axis_figure(found: ControlCharts, places: list[int], name: str) -> Markup:
-    figure, rows = drawing.panels(_HEIGHT, [_LABEL_ROOM] * -(-len(places) // _COLUMNS), _COLUMNS)
-    panels = [axes for row in rows for axes in row]
-    times, m = _times(found), found.reference_days
-    for axes, k in zip(panels, places, strict=False):
-        of_days = found.days
+    figure, panels = drawing.grid(_HEIGHT, _LABEL_ROOM, len(places), _COLUMNS)
+    times, of_days, values, limits = _times(found), found.days, found.values, found.limits
+    for axes, k in zip(panels, places, strict=True):
         variance = of_days.point[:, k, k] + of_days.reference[:, k, k]
-        first = (of_days.difference[:, k] / np.sqrt(variance))[:m]
-        z, lasting = found.values.shewhart[:, k], found.values.lasting[:, k]
-        limit, of_lasting = found.limits.shewhart[k] ** 0.5, found.limits.lasting[k] ** 0.5
-        axes.axvspan(times[0], times[m - 1], color=BAND, lw=0)
-        axes.plot(times[:m], first, "o", ms=2.6, mfc=PAPER, mec=MUTED, mew=0.8)
-        axes.plot(times[m:], lasting, "-", color=Z, lw=1.1)
-        draw_points(axes, times[m:], z, (np.abs(z) > limit) | (np.abs(lasting) > of_lasting))
-        for sign in (-1, 1):
-            axes.axhline(sign * limit, color=WARN, lw=0.9, ls="--")
-            axes.axhline(sign * of_lasting, color=Z, lw=0.7, ls=":")
+        first = (of_days.difference[:, k] / np.sqrt(variance))[: found.reference_days]
+        z, lasting = values.shewhart[:, k], values.lasting[:, k]
+        limit, of_lasting = limits.shewhart[k] ** 0.5, limits.lasting[k] ** 0.5
+        beyond = (np.abs(z) > limit) | (np.abs(lasting) > of_lasting)
+        _draw_chart(axes, times, (first, z, lasting), beyond, (limit, of_lasting))
         axes.set_title(f"{found.names[k]}, standard deviations")
-        draw_dates(axes)
-    for axes in panels[len(places) :]:
-        axes.set_axis_off()
     names = ", ".join(found.names[k] for k in places)
     return svg(figure, name, f"Shewhart and {found.limits.lasting_kind} charts of {names}")
 
 
-def draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
+def bench_control_page(found: BenchCharts, doubtful: Sequence[CalibrationEntry] = ()) -> str:
+    """Return the whole page, HTML.
+
+    Parameters
+    ----------
+    found : BenchCharts
+    doubtful : sequence of CalibrationEntry
+        Calibrations of a register while the bench was doubtful.
+    """
+    lines = [sentence(line) for line in bench_lines(found)]
+    return render(
+        "bench_control.html",
+        bench=found.bench,
+        runs=len(found.runs),
+        first=day(found.runs[0].measured),
+        last=day(found.runs[-1].measured),
+        tone="good" if not found.episodes else "care" if found.in_control else "bad",
+        summary=lines[0],
+        lines=lines[1:],
+        figure=_bench_figure(found),
+        lasting=_LASTING_WORDS[found.lasting_kind],
+        parameters=[tuple(map(typeset_minus, row)) for row in newest_statistics(found)],
+        signals=day_signals(found),
+        doubtful_rows=_doubtful_rows(doubtful),
+    )
+
+
+@drawing.style
+def _bench_figure(found: BenchCharts) -> Markup:
+    figure, panels = drawing.grid(_HEIGHT, _LABEL_ROOM, len(found.charts), _COLUMNS)
+    for axes, one in zip(panels, found.charts, strict=True):
+        at, m = np.array([drawing.days(time) for time in one.days]), one.reference_days
+        beyond = np.array([bool(one.signals(k)) for k in range(m, len(at))], dtype=bool)
+        values = one.shewhart[:m], one.shewhart[m:], one.lasting[m:]
+        _draw_chart(axes, at, values, beyond, (one.shewhart_limit, one.lasting_limit))
+        axes.set_title(f"{one.name}, standard deviations")
+    names = ", ".join(one.name for one in found.charts)
+    return svg(figure, "parameters", f"Shewhart and {found.lasting_kind} charts of {names}")
+
+
+def _draw_chart(
+    axes: Axes,
+    times: Array,
+    values: tuple[Array, Array, Array],
+    beyond: NDArray[np.bool_],
+    limits: tuple[float, float],
+) -> None:
+    """Draw the chart of one quantity.
+
+    Parameters
+    ----------
+    axes : Axes
+    times : (n,) array
+        Days since 1970.
+    values : three arrays
+        Of the days of reference; of the others, of one day and of the lasting change.
+    beyond : array of bool
+        Days with a signal.
+    limits : (float, float)
+        Of one day and of the lasting change.
+    """
+    first, z, lasting = values
+    m = len(first)
+    axes.axvspan(times[0], times[m - 1], color=BAND, lw=0)
+    axes.plot(times[:m], first, "o", ms=2.6, mfc=PAPER, mec=MUTED, mew=0.8)
+    axes.plot(times[m:], lasting, "-", color=Z, lw=1.1)
+    _draw_points(axes, times[m:], z, beyond)
+    for sign in (-1, 1):
+        axes.axhline(sign * limits[0], color=WARN, lw=0.9, ls="--")
+        axes.axhline(sign * limits[1], color=Z, lw=0.7, ls=":")
+    drawing.name_dates(axes, _FORMATS, _FORMATS)
+
+
+def _draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
     """Draw the points of a chart; those beyond a limit as diamonds."""
     axes.plot(at[~beyond], values[~beyond], "o", ms=3.0, mfc=INK, mec=INK, mew=0)
     # Another shape, open and larger: to be told without colour too.
     axes.plot(at[beyond], values[beyond], "D", ms=5.0, mfc=PAPER, mec=WARN, mew=1.4, zorder=3)
     axes.grid(axis="y", color=FAINT, lw=0.3)
     axes.set_axisbelow(True)
-
-
-def draw_dates(axes: Axes) -> None:
-    """Give the axis of time, in days since 1970, its dates."""
-    locator = drawing.date_ticks()
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(
-        ConciseDateFormatter(locator, formats=_FORMATS, zero_formats=_FORMATS, show_offset=False)
-    )

@@ -9,6 +9,7 @@ figure uses otherwise, and the SVG's text is changed afterwards.
 import re
 import warnings
 from collections.abc import Sequence
+from datetime import datetime
 from io import StringIO
 from typing import Any
 
@@ -16,7 +17,7 @@ import matplotlib
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from inercal.benches.report_data import Plot, Series
@@ -199,12 +200,44 @@ def name_positions(
         axes.text(k, 0, labels[k], transform=under, rotation=angle, va=top, ha=centre)
 
 
+def grid(height: float, below: float, count: int, columns: int) -> tuple[Figure, list[Axes]]:
+    """Return a figure and so many axes, row by row; the places that are left are empty."""
+    figure, rows = panels(height, [below] * -(-count // columns), columns)
+    places = [axes for row in rows for axes in row]
+    for axes in places[count:]:
+        axes.set_axis_off()
+    return figure, places[:count]
+
+
+def days(time: str) -> float:
+    """Return a time in ISO 8601 in days since 1970, as axes of dates take it."""
+    return datetime.fromisoformat(time).timestamp() / 86_400.0
+
+
 def date_ticks() -> AutoDateLocator:
     """Return the places of at most six dates along an axis.
 
     Two at least: from three on, matplotlib has no interval for ten weeks, nor for 31 months.
     """
     return AutoDateLocator(minticks=2, maxticks=6)
+
+
+def name_dates(
+    axes: Axes, formats: Sequence[str] | None = None, zero_formats: Sequence[str] | None = None
+) -> None:
+    """Name the dates along an axis of days since 1970.
+
+    Parameters
+    ----------
+    axes : Axes
+    formats, zero_formats : sequence of str, optional
+        Of ticks a year, a month, … apart, and of those at the begin of a longer such time.
+    """
+    locator = date_ticks()
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(
+        ConciseDateFormatter(locator, formats=formats, zero_formats=zero_formats, show_offset=False)
+    )
 
 
 def add_legend(axes: Axes) -> None:

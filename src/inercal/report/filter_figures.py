@@ -25,7 +25,7 @@ from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, PAPER, WARN, Y, svg
 
 if TYPE_CHECKING:
-    from inercal.methods.ship_multi_angle.global_search import SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
 
 MAX_POINTS = 290
 """Of each line, at most."""

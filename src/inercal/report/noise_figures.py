@@ -76,7 +76,7 @@ def deviation_figure(channel: ChannelNoise) -> Markup:
 
 def _draw_spectrum(axes: Axes, channel: ChannelNoise) -> None:
     fit, bins = channel.fit, channel.bins
-    unit = TERMS["N"].gyro_unit if channel.quantity == "gyro" else TERMS["N"].accelerometer_unit
+    unit = TERMS["N"].units[channel.quantity]
     size = si_factor(unit)
     level = np.median(bins.power / fit.model)
     passed, floor = _passed(channel)

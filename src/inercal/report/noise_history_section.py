@@ -3,13 +3,11 @@
 # pyright: reportUnknownMemberType=false
 
 from collections.abc import Sequence
-from datetime import datetime
 from math import isfinite
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import ConciseDateFormatter
 
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.laboratory.store.entries import SensorEntry
@@ -17,13 +15,12 @@ from inercal.laboratory.store.noise_history import NoiseEntry, NoiseTrend, noise
 from inercal.laboratory.store.noise_history_text import change_lines, trend_rows
 from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, MUTED, WARN, X, Y, Z, svg
-from inercal.report.report_tables import typeset_minus
+from inercal.report.report_tables import sentence_with_index, typeset_minus
 from inercal.report.templates import render
 
 _COLUMNS = 2
 _COLOURS = (X, Y, Z, INK, MUTED, WARN)
 _SHIFT = 0.006  # of the time shown, between channels
-_DAY = 86_400.0
 
 
 def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
@@ -35,35 +32,30 @@ def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
         render(
             "noise_history_section.html",
             rows=[tuple(map(typeset_minus, row)) for row in trend_rows(trends)],
-            lines=[_sentence(line) for line in change_lines(trends)],
-            entries=[_entry_row(one) for one in entries],
+            lines=[sentence_with_index(line) for line in change_lines(trends)],
+            entries=[
+                (str(one.id), _date(one), one.source, f"{one.duration:.4g}", one.by)
+                for one in entries
+            ],
             figure=noise_trend_figure(trends),
         )
     )
 
 
-def _sentence(line: str) -> Markup:
-    text = Markup.escape(f"{line[0].upper()}{line[1:]}.")
-    return text.replace("E_n", Markup("E<sub>n</sub>"))
-
-
-def page(sensor: SensorEntry, entries: Sequence[NoiseEntry]) -> str:
+def noise_history_page(sensor: SensorEntry, entries: Sequence[NoiseEntry]) -> str:
     """Return the page of a sensor without calibrations, HTML; one analysis at least."""
-    first, last = (one.measured.partition("T")[0] for one in (entries[0], entries[-1]))
     return render(
         "sensor_noise.html",
         sensor=sensor,
         count=len(entries),
-        first=first,
-        last=last,
+        first=_date(entries[0]),
+        last=_date(entries[-1]),
         section=noise_history_section(entries),
     )
 
 
-def _entry_row(one: NoiseEntry) -> tuple[str, ...]:
-    """Return number, date, recording, length in s, and who entered an analysis."""
-    date = one.measured.partition("T")[0]
-    return str(one.id), date, one.source, f"{one.duration:.4g}", one.by
+def _date(one: NoiseEntry) -> str:
+    return one.measured.partition("T")[0]
 
 
 @drawing.style
@@ -72,30 +64,20 @@ def noise_trend_figure(trends: Sequence[NoiseTrend]) -> Markup:
     groups: dict[tuple[str, str], list[NoiseTrend]] = {}
     for one in trends:
         groups.setdefault((one.symbol, one.unit), []).append(one)
-    lines = -(-len(groups) // _COLUMNS)
-    figure, rows = drawing.panels(1.3, [0.4] * lines, _COLUMNS)
-    panels = [axes for row in rows for axes in row]
-    for axes, ((symbol, unit), found) in zip(panels, groups.items(), strict=False):
+    figure, panels = drawing.grid(1.3, 0.4, len(groups), _COLUMNS)
+    for axes, ((symbol, unit), found) in zip(panels, groups.items(), strict=True):
         _draw(axes, found)
         axes.set_title(f"{symbol}, {unit}")
-    for axes in panels[len(groups) :]:
-        axes.set_axis_off()
     return svg(figure, "noise-over-time", "Coefficients of the noise over time, with U")
 
 
 def _draw(axes: Axes, found: Sequence[NoiseTrend]) -> None:
-    days = [
-        datetime.fromisoformat(entry.measured).timestamp() / _DAY
-        for one in found
-        for entry in one.entries
-    ]
-    first, last = min(days), max(days)
+    times = [np.array([drawing.days(entry.measured) for entry in one.entries]) for one in found]
+    first, last = min(map(min, times)), max(map(max, times))
     span = max(last - first, 60.0)
     for k, (one, colour) in enumerate(zip(found, _COLOURS * len(found), strict=False)):
         shift = _SHIFT * span * (k - (len(found) - 1) / 2)
-        time = np.array(
-            [datetime.fromisoformat(entry.measured).timestamp() / _DAY for entry in one.entries]
-        )
+        time = times[k]
         size = one.values[0].size
         limit = np.array([value.is_limit for value in one.values])
         value = np.array([v.high if v.is_limit else v.value for v in one.values]) / size
@@ -106,7 +88,5 @@ def _draw(axes: Axes, found: Sequence[NoiseTrend]) -> None:
     axes.set_xlim(first - 0.5 * span, last + 0.5 * span)
     axes.set_ylim(bottom=0)
     axes.grid(axis="y", color=FAINT, lw=0.3)
-    locator = drawing.date_ticks()
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
+    drawing.name_dates(axes)
     drawing.add_legend(axes)

@@ -1,20 +1,19 @@
 """The page of a noise analysis: coefficients, then the plots of each channel."""
 
-from dataclasses import dataclass
 from pathlib import Path
-
-from markupsafe import Markup
+from typing import Any
 
 from inercal.basics.units import si_factor
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.data_sheet import DataSheetNoise
 from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
-from inercal.noise.filter_texts import FILTER_HEADS, filter_rows
 from inercal.noise.texts import (
+    FILTER_HEADS,
     SHOWN_UNIT,
     channel_remarks,
     coefficient_cells,
     disturbance_text,
+    filter_rows,
     movement_text,
 )
 from inercal.recordings import Recording
@@ -28,40 +27,32 @@ from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 
 
-@dataclass(frozen=True)
-class ChannelView:
-    """What the page shows of a channel."""
-
-    name: str
-    unit: str
-    remarks: list[str]
-    deviations: Markup
-    residuals: Markup
-    time: Markup
-    spectrogram: Markup | None
-    others: list[tuple[str, ...]]
-    method: str
-    slope_bias: str
-
-
-def page(analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | None = None) -> str:
+def noise_page(
+    analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | None = None
+) -> str:
     """Return the page, HTML; with a data sheet, the coefficients beside it."""
     compared = () if sheet is None else compare_with_sheet(analysis, sheet)
+    of_sheet = () if sheet is None else (*sheet.all_remarks, *kind_remarks(compared, sheet))
     good = all(one.goodness.fits for one in analysis.channels)
     disturbed = [
         (one.channel, disturbance_text(found, one.quantity))
         for one in analysis.channels
         for found in one.disturbances
     ]
+    name = Path(analysis.source).name
+    moved = [movement_text(analysis.movement, name)] if analysis.movement else []
     return render(
         "noise.html",
-        name=Path(analysis.source).name or "recording",
+        name=name or "recording",
         duration=f"{analysis.duration:.4g}",
         rate=f"{1 / analysis.channels[0].dt:.5g}",
-        tone=_tone(analysis, fits=good and not disturbed),
-        head="The sensor was not at rest" if analysis.movement else _verdict(good, bool(disturbed)),
+        tone="bad" if moved else "good" if good and not disturbed else "care",
+        head="The sensor was not at rest"
+        if moved
+        else f"The terms {'describe the recording' if good else 'miss part of the recording'}; "
+        + ("it was disturbed" if disturbed else "no disturbance was found"),
         disturbed=disturbed,
-        remarks=(*_movement(analysis), *analysis.remarks),
+        remarks=(*moved, *analysis.remarks),
         rows=[
             (one.channel, *coefficient_cells(found))
             for one in analysis.channels
@@ -73,51 +64,28 @@ def page(analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | 
         sheet=None if sheet is None else sheet.name,
         sheet_heads=HEADS,
         sheet_rows=[tuple(map(typeset_minus, one.cells)) for one in compared],
-        sheet_remarks=()
-        if sheet is None
-        else [_sentence(one) for one in (*sheet.all_remarks, *kind_remarks(compared, sheet))],
+        sheet_remarks=[f"{one[0].upper()}{one[1:]}." for one in of_sheet],
     )
 
 
-def _tone(analysis: NoiseAnalysis, *, fits: bool) -> str:
-    if analysis.movement:
-        return "bad"
-    return "good" if fits else "care"
-
-
-def _movement(analysis: NoiseAnalysis) -> tuple[str, ...]:
-    """Return that the sensor moved, as the first remark."""
-    if not analysis.movement:
-        return ()
-    return (movement_text(analysis.movement, Path(analysis.source).name),)
-
-
-def _sentence(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}."
-
-
-def _verdict(good: bool, disturbed: bool) -> str:
-    fit = "The terms describe the recording" if good else "The terms miss part of the recording"
-    return f"{fit}; it was disturbed" if disturbed else f"{fit}; no disturbance was found"
-
-
-def _view(channel: ChannelNoise, recording: Recording) -> ChannelView:
+def _view(channel: ChannelNoise, recording: Recording) -> dict[str, Any]:
     k = recording.channels.index(channel.channel)
     y = recording.data[:, k] * si_factor(recording.units[k])
     time = recording.time - recording.time[0]
     step = recording.median_step  # larger than Δ where a long recording is thinned
-    return ChannelView(
-        channel.channel,
-        SHOWN_UNIT[channel.quantity],
-        channel_remarks(channel),
-        deviation_figure(channel),
-        residual_figure(channel),
-        time_figure(channel, time, y),
-        spectrogram_figure(channel, step, y) if channel.lines and step < 1.5 * channel.dt else None,
-        _comparison(channel),
-        channel.method,
-        _slope_bias(channel),
-    )
+    has_lines = channel.lines and step < 1.5 * channel.dt
+    return {
+        "name": channel.channel,
+        "unit": SHOWN_UNIT[channel.quantity],
+        "remarks": channel_remarks(channel),
+        "deviations": deviation_figure(channel),
+        "residuals": residual_figure(channel),
+        "time": time_figure(channel, time, y),
+        "spectrogram": spectrogram_figure(channel, step, y) if has_lines else None,
+        "others": _comparison(channel),
+        "method": channel.method,
+        "slope_bias": _slope_bias(channel),
+    }
 
 
 def _slope_bias(channel: ChannelNoise) -> str:

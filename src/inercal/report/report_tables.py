@@ -1,15 +1,19 @@
 """The tables of the report as text, rounded to what the uncertainties allow."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter, display_unit
 from inercal.basics.units import format_value_and_uncertainty
-from inercal.estimation import Estimate
+from inercal.calibration.best_cause import familywise_p_value
+from inercal.calibration.suspect_text import format_component, p_value_text
+from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.pipeline import Outcome
 from inercal.pipeline.truth import true_coefficients
@@ -17,6 +21,13 @@ from inercal.pipeline.truth import true_coefficients
 _MINUS_PATTERN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
 _MIN_CORRELATION = 0.5  # correlations from here on are named
 _MAX_PAIRS = 8
+_MAX_LISTED = 10  # candidates
+_KIND_TEXTS = {
+    "coefficient": "coefficient, not estimated",
+    "bench": "bench, beyond its statement",
+    "row": "readings of one row",
+    "time": "change over the run",
+}
 
 
 @dataclass(frozen=True)
@@ -55,6 +66,16 @@ class Grid:
 def typeset_minus(text: str) -> str:
     """Return text with true minus signs before numbers; hyphens within words stay."""
     return _MINUS_PATTERN.sub("−", text)
+
+
+def sentence(line: str) -> str:
+    """Return a line as a sentence, with true minus signs."""
+    return typeset_minus(f"{line[0].upper()}{line[1:]}.")
+
+
+def sentence_with_index(line: str) -> Markup:
+    """Return a line as a sentence of HTML, whose E_n has an index."""
+    return Markup.escape(sentence(line)).replace("E_n", Markup("E<sub>n</sub>"))
 
 
 def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[AxisGroup]:
@@ -222,3 +243,53 @@ def correction_matrix(outcome: Outcome) -> Grid | None:
     ]
     rows.append(("o", tuple(f"{x:.7g}" for x in offset)))
     return Grid("", sensor.channels, tuple(rows))
+
+
+def candidate_rows(outcome: Outcome) -> list[dict[str, Any]]:
+    """Return the candidates with the smallest p-values, the smallest first."""
+    score_tests, suspect = outcome.estimate.score_tests, outcome.verdict.suspect
+    seen = [one for one in score_tests.scores if one.dof]
+    first = sorted(seen, key=lambda one: (one.p_value, -one.chi2))[:_MAX_LISTED]
+    return [
+        {
+            "name": one.name,
+            "kind": _KIND_TEXTS[one.kind],
+            "size": _size_text(outcome, one),
+            "chi2_decrease": f"{one.chi2:.1f}",
+            "dof": one.dof,
+            "familywise_p": short_p_value(familywise_p_value(score_tests, one)),
+            "shift": _shift_text(outcome, one),
+            "suspect": suspect is not None and one.name == suspect.name,
+        }
+        for one in first
+    ]
+
+
+def candidate_count(outcome: Outcome) -> int:
+    """Return how many candidates were scored."""
+    return sum(one.dof > 0 for one in outcome.estimate.score_tests.scores)
+
+
+def short_p_value(p: float) -> str:
+    """Return a p-value as a cell of a table."""
+    return f"{p:.2f}" if p >= 0.01 else p_value_text(p).removeprefix("= ")
+
+
+def _size_text(outcome: Outcome, one: ScoreTest) -> str:
+    if one.kind == "row":
+        return ""
+    parts: Sequence[str] = [
+        format_component(outcome.calibration.sensor, one.kind, name, float(size), float(sd), unit)
+        for name, size, sd, unit in zip(one.components, one.size, one.sd, one.units, strict=True)
+        if np.isfinite(size)
+    ]
+    return "; ".join(parts)
+
+
+def _shift_text(outcome: Outcome, one: ScoreTest) -> str:
+    """Return the largest shift in U, and the coefficient that it shifts."""
+    names = outcome.calibration.sensor.coefficients
+    expanded = COVERAGE * outcome.estimate.std[: len(names)]
+    shift = np.abs(one.shift[: len(names)]) / np.where(expanded > 0, expanded, np.inf)
+    most = int(np.argmax(shift))
+    return f"{shift[most]:.2g} ({names[most]})" if shift[most] > 0 else "0"

@@ -4,12 +4,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.dates import ConciseDateFormatter
 
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
@@ -35,7 +33,7 @@ from inercal.laboratory.store.recalibration_text import (
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 from inercal.report.noise_history_section import noise_history_section
-from inercal.report.report_tables import typeset_minus
+from inercal.report.report_tables import sentence_with_index, typeset_minus
 from inercal.report.templates import render
 
 
@@ -62,26 +60,7 @@ _LARGEST_MARGIN = 30.0  # days to both sides, of a short time: its points stay a
 # Of ticks a year, a month, … apart, and of those at the begin of a longer such time.
 _FORMATS = ["%Y", "%Y-%m", "%d", "%H:%M", "%H:%M", "%S"]
 _ZERO_FORMATS = ["", "%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M"]
-_DAY = 86_400.0  # s; times of a figure are in days since 1970
-_YEAR = YEAR / _DAY
-
-
-@dataclass(frozen=True)
-class CoefficientHistory:
-    """One coefficient: its newest value, E_n, both U, drift a year, verdict and it in words."""
-
-    name: str
-    meaning: str
-    value: str
-    expanded: str
-    unit: str
-    en: str
-    mean_expanded: str
-    next_use_expanded: str
-    slope: str
-    slope_expanded: str
-    verdict: str
-    words: str
+_YEAR = YEAR / 86_400.0  # days
 
 
 @dataclass(frozen=True)
@@ -89,26 +68,13 @@ class AxisHistory:
     """The coefficients of one axis: rows, figure, and the table of all calibrations."""
 
     axis: str
-    rows: tuple[CoefficientHistory, ...]
+    rows: list[dict[str, str]]
     figure: Markup
     heads: tuple[str, ...]
     cells: tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True)
-class PrintedCalibration:
-    """One calibration as printed."""
-
-    number: str
-    date: str
-    method: str
-    bench: str
-    run: str
-    by: str
-    p_value: str
-
-
-def page(
+def sensor_history_page(
     history: SensorHistory,
     next_one: Recalibration | None = None,
     noise: Sequence[NoiseEntry] = (),
@@ -143,7 +109,10 @@ def summary_lines(history: SensorHistory) -> list[Markup]:
         for verdict, word in _VERDICT_WORDS.items()
         if verdict != "steady" and (names := history.verdicts.get(verdict, ()))
     ]
-    return [_sentence(line) for line in (_verdict_counts(history), *named, *history_lines(history))]
+    return [
+        sentence_with_index(line)
+        for line in (_verdict_counts(history), *named, *history_lines(history))
+    ]
 
 
 def _render_section(groups: list[AxisHistory]) -> Markup:
@@ -159,11 +128,6 @@ def _verdict_counts(history: SensorHistory) -> str:
     return f"coefficients: {', '.join(counts)}" if counts else "one calibration: nothing to compare"
 
 
-def _sentence(line: str) -> Markup:
-    text = Markup.escape(typeset_minus(f"{line[0].upper()}{line[1:]}."))
-    return text.replace("E_n", Markup("E<sub>n</sub>"))
-
-
 def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
     by_axis: dict[str, list[CoefficientTrend]] = {}
     for trend in history.trends:
@@ -171,7 +135,7 @@ def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
     return [
         AxisHistory(
             axis,
-            tuple(map(_coefficient_row, found)),
+            [_coefficient_row(one) for one in found],
             trend_figure(history, found, f"axis{k}"),
             tuple(f"{CoefficientName(one.name).term}\n{one.unit}" for one in found),
             tuple(
@@ -183,22 +147,25 @@ def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
     ]
 
 
-def _coefficient_row(trend: CoefficientTrend) -> CoefficientHistory:
+def _coefficient_row(trend: CoefficientTrend) -> dict[str, str]:
+    """Return the newest value, E_n, both U, drift a year, verdict and it in words."""
     value, expanded = format_point(trend, -1)
-    rate, rate_expanded = format_slope(trend)
-    return CoefficientHistory(
-        trend.name,
-        trend.meaning,
-        typeset_minus(value),
-        expanded,
-        trend.unit,
-        typeset_minus(format_en(float(trend.normalised_errors[-1]))),
-        *format_bands(trend),
-        typeset_minus(rate),
-        rate_expanded,
-        trend.verdict,
-        typeset_minus(drift_text(trend)),
-    )
+    mean_expanded, next_use_expanded = format_bands(trend)
+    slope, slope_expanded = format_slope(trend)
+    return {
+        "name": trend.name,
+        "meaning": trend.meaning,
+        "value": typeset_minus(value),
+        "expanded": expanded,
+        "unit": trend.unit,
+        "en": typeset_minus(format_en(float(trend.normalised_errors[-1]))),
+        "mean_expanded": mean_expanded,
+        "next_use_expanded": next_use_expanded,
+        "slope": typeset_minus(slope),
+        "slope_expanded": slope_expanded,
+        "verdict": trend.verdict,
+        "words": typeset_minus(drift_text(trend)),
+    }
 
 
 def _cell(trend: CoefficientTrend, place: int) -> str:
@@ -209,9 +176,10 @@ def _cell(trend: CoefficientTrend, place: int) -> str:
     return typeset_minus(" ± ".join(format_point(trend, k))) + star
 
 
-def _entry_rows(history: SensorHistory) -> list[PrintedCalibration]:
+def _entry_rows(history: SensorHistory) -> list[tuple[str, ...]]:
+    """Return number, date, method, bench, run, who entered it and the p-value of each entry."""
     return [
-        PrintedCalibration(
+        (
             f"#{entry.id}",
             _date(entry.measured),
             f"{entry.method}, {entry.estimator}",
@@ -239,24 +207,14 @@ def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name
     name : str
         Of the figure; another one of the page has another name.
     """
-    lines = -(-len(found) // _COLUMNS)
-    figure, rows = drawing.panels(_HEIGHT, [_LABEL_ROOM] * lines, _COLUMNS)
-    panels = [axes for row in rows for axes in row]
-    times = (datetime.fromisoformat(history.entries[k].measured) for k in (0, -1))
-    first, last = (time.timestamp() / _DAY for time in times)
+    figure, panels = drawing.grid(_HEIGHT, _LABEL_ROOM, len(found), _COLUMNS)
+    first, last = (drawing.days(history.entries[k].measured) for k in (0, -1))
     span = last - first
     margin = max(_TIME_MARGIN * span, min(span, _LARGEST_MARGIN)) if span else _LARGEST_MARGIN
-    for axes, trend in zip(panels, found, strict=False):
+    for axes, trend in zip(panels, found, strict=True):
         _draw_trend(axes, trend, first)
         axes.set_xlim(first - margin, last + margin)
-        locator = drawing.date_ticks()
-        axes.xaxis.set_major_locator(locator)
-        formatter = ConciseDateFormatter(
-            locator, formats=_FORMATS, zero_formats=_ZERO_FORMATS, show_offset=False
-        )
-        axes.xaxis.set_major_formatter(formatter)
-    for axes in panels[len(found) :]:
-        axes.set_axis_off()
+        drawing.name_dates(axes, _FORMATS, _ZERO_FORMATS)
     text = "; ".join(f"{one.name} {one.verdict}" for one in found)
     return svg(figure, name, f"Coefficients over time with expanded uncertainties: {text}")
 

@@ -26,22 +26,12 @@ _BEST_ORDERS = 5
 
 
 @dataclass(frozen=True)
-class TemperatureRow:
-    """A coefficient at the temperatures of the table: value ± U."""
-
-    name: str
-    meaning: str
-    unit: str
-    cells: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class TemperatureSection:
     """What the page shows of temperatures."""
 
     figure: Markup
     celsius: tuple[str, ...]
-    rows: tuple[TemperatureRow, ...]
+    rows: list[tuple[str, str, str, list[str]]]  # name, meaning, unit, value ± U at each
     orders: tuple[OrderTest, ...]
     left_out: tuple[SoakLeftOut, ...]
     zero: float = ZERO_CELSIUS
@@ -62,23 +52,24 @@ def temperature_section(outcome: Outcome) -> TemperatureSection | None:
     return TemperatureSection(
         curve_figure(temperature_curves(calibration, course), course),
         tuple(typeset_minus(f"{t - ZERO_CELSIUS:.1f} °C") for t in kelvin.tolist()),
-        temperature_rows(temperature_curves(calibration, kelvin)),
+        _temperature_rows(temperature_curves(calibration, kelvin)),
         tests[:_BEST_ORDERS],
         () if found is None else found.left_out,
     )
 
 
-def temperature_rows(curves: Sequence[TemperatureCurve]) -> tuple[TemperatureRow, ...]:
-    """Return a row of each curve: values with U = 2 u."""
-    rows: list[TemperatureRow] = []
+def _temperature_rows(
+    curves: Sequence[TemperatureCurve],
+) -> list[tuple[str, str, str, list[str]]]:
+    rows: list[tuple[str, str, str, list[str]]] = []
     for one in curves:
         cells: list[str] = []
         for value, std in zip(one.value.tolist(), one.std.tolist(), strict=True):
             shown, expanded = format_value_and_uncertainty(value / one.si, COVERAGE * std / one.si)
             cells.append(f"{typeset_minus(shown)} ± {expanded}")
         change = "" if one.complete else ", change from the reference temperature"
-        rows.append(TemperatureRow(one.name, one.meaning + change, one.unit, tuple(cells)))
-    return tuple(rows)
+        rows.append((one.name, one.meaning + change, one.unit, cells))
+    return rows
 
 
 @drawing.style
@@ -88,11 +79,9 @@ def curve_figure(curves: Sequence[TemperatureCurve], kelvin: Array) -> Markup:
     for one in curves:
         axis, term = CoefficientName(one.name).parts
         named.setdefault(f"{axis[0]} {term}", []).append(one)
-    count = -(-len(named) // _COLUMNS)
-    figure, rows = drawing.panels(1.7, [0.45] * count, _COLUMNS)
-    places = [axes for row in rows for axes in row]
+    figure, places = drawing.grid(1.7, 0.45, len(named), _COLUMNS)
     celsius = kelvin - ZERO_CELSIUS
-    for axes, members in zip(places, named.values(), strict=False):
+    for axes, members in zip(places, named.values(), strict=True):
         for k, one in enumerate(members):
             colour = drawing.AXES[k % len(drawing.AXES)]
             y, reach = one.value / one.si, COVERAGE * one.std / one.si
@@ -103,6 +92,4 @@ def curve_figure(curves: Sequence[TemperatureCurve], kelvin: Array) -> Markup:
         axes.set_ylabel(first.unit)
         axes.set_xlabel("temperature, °C")
         drawing.add_legend(axes)
-    for axes in places[len(named) :]:
-        axes.set_axis_off()
     return drawing.svg(figure, "temperature", "Coefficients against temperature, with bands")

@@ -6,7 +6,7 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from inercal.physics.glossary import Term, find_term
+from inercal.physics.glossary import Term, find_term, glossary
 
 _PACKAGE = "inercal.report"
 
@@ -33,6 +33,11 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
         )
 
     return _environment(package).get_template(template).render(values, term=link, terms=terms)
+
+
+def glossary_page() -> str:
+    """Return the page of the terms, which the live page links to, HTML."""
+    return render("glossary.html", groups=glossary())
 
 
 @cache

@@ -11,7 +11,7 @@ from inercal.report.templates import render
 _MAX_ROWS = 24  # rows of a group that one sheet of paper holds
 
 
-def page(made: Worksheet, table: str) -> str:
+def worksheet_page(made: Worksheet, table: str) -> str:
     """Return the whole page, HTML; `table` is the name of the file to be filled."""
     return render(
         "worksheet.html",

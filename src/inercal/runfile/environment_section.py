@@ -13,7 +13,7 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error, measured_constant, si_value
 from inercal.physics.sensors import Sensor
 from inercal.recordings.environment import ChamberProfile, Environment
-from inercal.recordings.temperature_readout import first_impossible, impossible_text
+from inercal.recordings.temperature import first_impossible, impossible_text
 from inercal.runfile.schema import EnvironmentSection, RunSchema
 
 TemperatureOrder = Literal["auto"] | tuple[int, int, int] | None

@@ -13,7 +13,7 @@ from inercal.physics.sensors import G0
 from inercal.runfile.schema import MethodSection, SearchSection
 
 if TYPE_CHECKING:
-    from inercal.methods.ship_multi_angle.global_search import SearchOptions
+    from inercal.methods.ship_multi_angle.norm_equations import SearchOptions
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
 _PLAN = (
@@ -121,7 +121,7 @@ def search_options(
                 names=(estimator,),
             )
         return None
-    from inercal.methods.ship_multi_angle.global_search import Bounds, SearchOptions
+    from inercal.methods.ship_multi_angle.norm_equations import Bounds, SearchOptions
 
     search = section.search or SearchSection.model_validate({})
     goal = _positive_value(search, "goal", "1")

@@ -7,7 +7,7 @@ A sheet states "0.008 °/s/√Hz" or "0.34 °/√h", and both may be right: a no
 from collections.abc import Callable, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import TypeVar, cast, get_args
+from typing import TypeVar, get_args
 
 from pydantic import Field, ValidationError
 
@@ -92,8 +92,7 @@ def _noise(sheet: DataSheetSection, stem: str) -> DataSheetNoise:
     for quantity in READING_UNITS:
         section = getattr(sheet, quantity)
         if section is not None:
-            kind = cast("Quantity", quantity)
-            coefficients[kind] = _Reader(kind, section, rate, remarks).coefficients()
+            coefficients[quantity] = _Reader(quantity, section, rate, remarks).coefficients()
     if not coefficients:
         raise InputError(
             "no noise: write [datasheet.gyro], [datasheet.accelerometer] or both",

@@ -11,8 +11,7 @@ from inercal.basics.small_files import is_file, read_toml, texts_of
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.qualification import NO_QUALIFICATIONS, UsedQualifications
-from inercal.methods import Method
-from inercal.methods._base import Estimator
+from inercal.methods import Estimator, Method
 from inercal.physics.plan import Step, TableStep, table_steps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding
@@ -23,7 +22,7 @@ from inercal.runfile.environment_section import TemperatureOrder
 if TYPE_CHECKING:
     from inercal.calibration.specification import Specification
     from inercal.estimation import Gaussian
-    from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
+    from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
 

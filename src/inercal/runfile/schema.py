@@ -18,7 +18,7 @@ from inercal.physics.section_settings import (
     BenchUsage,
     Section,
 )
-from inercal.recordings.data.data_section import DataSection
+from inercal.recordings.data import DataSection
 from inercal.recordings.io.readers import known_options, readers_with_option
 from inercal.runfile.job import JobSection
 

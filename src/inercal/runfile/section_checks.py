@@ -18,7 +18,7 @@ from inercal.physics.section_settings import (
 )
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding
-from inercal.recordings.temperature_readout import COUNTS
+from inercal.recordings.temperature import COUNTS
 from inercal.runfile.schema import DataSection, MethodSection, ReadoutSection, RunSchema
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies

@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 
 from inercal.basics.errors import InputError
 from inercal.benches.kinds import KINDS
-from inercal.recordings.data.data_section import DataSection
+from inercal.recordings.data import DataSection
 from inercal.recordings.io.readers import known_options
 
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")

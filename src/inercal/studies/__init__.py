@@ -4,17 +4,17 @@ A study is a module with `run(trials, seed, say, executor)`; adding one is addin
 `STUDIES`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from inercal.basics.atomic_files import make_folder, write_text
 from inercal.basics.errors import InputError, require_extra
 from inercal.basics.parallel import Executor, SerialExecutor
 from inercal.studies.claim import Claim, ClaimResult, judge_claim
-from inercal.studies.study_content import MessageCallback, Study, StudyModule
+from inercal.studies.study import MessageCallback, Study
 
 STUDIES: Mapping[str, str] = {
     "centrifuge": "inercal.studies.centrifuge",
@@ -70,8 +70,8 @@ def reproduce(
         )
     if seed < 0:
         raise InputError(f"seed is {seed}; give a whole number, 0 or larger", key="--seed")
-    module = cast("StudyModule", import_module(STUDIES[name]))
-    return module.run(trials, seed, say, executor or SerialExecutor())
+    run: Callable[..., Study] = import_module(STUDIES[name]).run
+    return run(trials, seed, say, executor or SerialExecutor())
 
 
 def results_as_list(study: Study) -> list[dict[str, Any]]:

@@ -10,9 +10,14 @@ u the standard uncertainty of the comparison: rounding of the printed digits, Mo
 noise of the experiment, or the remaining error of the corrected formula.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil, floor, hypot, inf, isfinite, log10, sqrt
-from typing import Literal
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
 
 Relation = Literal["=", "≤", "≥"]
 Basis = Literal["number", "words", "derived"]
@@ -208,3 +213,23 @@ def format_significant(x: float, digits: int = 2) -> str:
         tens = f"10{str(int(power)).translate(_SUPERSCRIPTS)}"
         mantissa = {"1": tens, "-1": f"-{tens}"}.get(mantissa, f"{mantissa}·{tens}")
     return mantissa.replace("-", "−")
+
+
+class Rms(NamedTuple):
+    """A root of a mean square, or a mean, and its Monte Carlo error."""
+
+    value: float
+    u: float
+
+
+def format_all(values: Iterable[float | Rms], digits: int = 2) -> list[str]:
+    """Return numbers as `format_significant` does; of a mean without its error."""
+    return [format_significant(x.value if isinstance(x, Rms) else x, digits) for x in values]
+
+
+def rms(errors: Array, ddof: int = 0) -> Rms:
+    """Return the RMS of errors, (trials, ...), of which those of one trial may be correlated."""
+    square = np.mean(errors.reshape(len(errors), -1) ** 2, axis=1)
+    value = float(np.sqrt(square.mean()))
+    spread = square.std(ddof=ddof) / np.sqrt(len(square))
+    return Rms(value, float(spread / (2 * value)) if value else 0.0)

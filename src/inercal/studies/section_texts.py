@@ -18,7 +18,7 @@ from importlib.resources import files
 from typing import Any
 
 from inercal.studies.claim import Claim, ClaimResult, judge_claim
-from inercal.studies.study_content import Chart, Study, StudySection, StudyTable
+from inercal.studies.study import Chart, Study, StudySection, StudyTable
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, PAPER, SHAPES, WARN, X, Y, Z, svg
 from inercal.report.templates import render
 from inercal.studies.claim import format_significant
-from inercal.studies.study_content import Chart, Study, StudyPanel
+from inercal.studies.study import Chart, Study, StudyPanel
 
 TONES = {"reproduced": "good", "not reproducible": "care", "false": "bad"}
 _COLOURS = (X, Y, Z, INK, WARN)

@@ -16,14 +16,14 @@ from typing import Any, Self
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from inercal.host.options import RunOptions
+from inercal.host.tasks import RunOptions
 from inercal.host.web.access import Access
 from inercal.host.web.device_catalogue import DeviceCatalogue
 from inercal.host.web.hub import Hub
 from inercal.host.web.plans import Plans
 from inercal.host.web.refusal_log import RefusalLog
 from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import ProcessRequest, RunRequest
 from inercal.host.web.runs import Runs
 from inercal.host.web.server import WebServer, listening_socket, web_server
 
@@ -166,7 +166,11 @@ class Served(AbstractContextManager["Served"]):
         (folder / "plans").mkdir(exist_ok=True)
         self.runs = Runs(folder / "runs")
         plans, choice = Plans(folder / "plans"), DeviceCatalogue(table)
-        self.hub = Hub(plans, self.runs, choice, self.register, options, start)
+
+        def begin(order: ProcessRequest) -> RunProcess:
+            return start(order) if isinstance(order, RunRequest) else RunProcess(order)
+
+        self.hub = Hub(plans, self.runs, choice, self.register, options, begin)
         self.socket = listening_socket("127.0.0.1", 0)
         self.port: int = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"

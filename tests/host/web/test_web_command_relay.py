@@ -5,7 +5,7 @@ from typing import cast
 import pytest
 
 from inercal.host.bench_run import BenchRun
-from inercal.host.web.command_relay import CommandRelay
+from inercal.host.web.worker import CommandRelay
 
 
 class ReceivedBytes:

@@ -11,7 +11,7 @@ import pytest
 from tests.refusals import refused
 
 from inercal.host import devices
-from inercal.host.options import RunOptions
+from inercal.host.tasks import RunOptions
 from inercal.host.web import device_catalogue
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue

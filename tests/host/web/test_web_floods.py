@@ -11,7 +11,7 @@ import pytest
 from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header, sockets, unharmed
 from websockets.exceptions import InvalidStatus
 
-from inercal.host.web.connections import MAX_CONNECTIONS
+from inercal.host.web.server import MAX_CONNECTIONS
 from inercal.host.web.viewers import MAX_VIEWERS
 
 TOKEN = "correct horse battery"

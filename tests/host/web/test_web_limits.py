@@ -16,7 +16,7 @@ from tests.host.web.pages import PATIENCE, Page, Served, sockets, unharmed
 from tests.store.calibration_generator import ten
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from inercal.host.web.connections import MAX_CONNECTIONS as CONNECTIONS
+from inercal.host.web.server import MAX_CONNECTIONS as CONNECTIONS
 from inercal.host.web.viewers import MAX_VIEWERS as VIEWERS
 from inercal.laboratory.store import NoiseEntry, Register, SensorHistory
 from inercal.noise import NoiseAnalysis, analyse_noise
@@ -47,7 +47,7 @@ def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, wa
 def test_a_body_that_does_not_come_is_not_waited_for(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.web.access_middleware._TIMEOUT", 0.1)
+    monkeypatch.setattr("inercal.host.web.access._TIMEOUT", 0.1)
     own = {"Host": served.host, "Origin": f"http://{served.host}", "Content-Length": "10"}
     assert served.ask("/api/probe", "POST", None, own).status == 408
     served.was_refused("does not come within")
@@ -82,7 +82,7 @@ def test_of_1000_sockets_most_are_closed_and_the_viewers_there_stay(served: Serv
 def test_a_socket_that_asks_nothing_is_closed(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.web.connections._IDLE_TIMEOUT", 0.1)
+    monkeypatch.setattr("inercal.host.web.server._IDLE_TIMEOUT", 0.1)
     with socket.create_connection(("127.0.0.1", served.port), 20) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: ")
         with suppress(ConnectionError):
@@ -93,7 +93,7 @@ def test_a_socket_that_asks_nothing_is_closed(
 def test_a_request_whose_answer_takes_too_long_is_closed_and_a_viewer_stays(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.web.connections._REQUEST_TIMEOUT", 0.1)
+    monkeypatch.setattr("inercal.host.web.server._REQUEST_TIMEOUT", 0.1)
     go_on = Event()
     monkeypatch.setattr("inercal.host.web.app.Page._setup", lambda _: go_on.wait(PATIENCE))
     try:

@@ -20,8 +20,7 @@ from inercal.host.journal import Journal
 from inercal.host.sim.bench_simulator import COUNTS_PER_TURN, BenchDevice
 from inercal.host.sim.server import ScaledClock, SimulatorServer
 from inercal.host.sim.simulated_errors import draw_errors
-from inercal.host.web.manual_request import MANUAL_JOURNAL
-from inercal.host.web.run_request import read_process_record, run_in_progress
+from inercal.host.web.run_request import MANUAL_JOURNAL, read_process_record, run_in_progress
 from inercal.runfile import Run
 
 INNER = 2

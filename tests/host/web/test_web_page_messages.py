@@ -12,7 +12,7 @@ from inercal.benches.turntable import require_turntable
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState
-from inercal.host.navigation import NavigationSolution
+from inercal.host.live_estimator import NavigationSolution
 from inercal.host.web import page_messages
 from inercal.runfile import Run, read
 

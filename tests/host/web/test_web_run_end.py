@@ -11,11 +11,10 @@ import pytest
 from inercal.basics.errors import InercalError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
-from inercal.host.web import run_controller
-from inercal.host.web.command_relay import CommandRelay
-from inercal.host.web.publisher import Publisher
-from inercal.host.web.run_controller import RunController
+from inercal.host.web import worker
 from inercal.host.web.run_request import RunRequest, premature_end_message
+from inercal.host.web.worker import CommandRelay, RunController
+from inercal.host.web.worker_process import Publisher
 
 NOBODY = "127.0.0.1:1"
 
@@ -31,7 +30,7 @@ def publisher() -> Iterator[Publisher]:
 @pytest.fixture
 def order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunRequest:
     """Return the order of a new run on devices that are not there."""
-    monkeypatch.setattr(run_controller, "precompile_run", lambda *_: None)
+    monkeypatch.setattr(worker, "precompile_run", lambda *_: None)
     return RunRequest(
         str(tmp_path / "run"),
         str(files("inercal").joinpath("demo.toml")),

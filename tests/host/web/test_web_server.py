@@ -9,7 +9,7 @@ from tests.refusals import refused
 
 from inercal.basics.errors import InputError
 from inercal.cli.bench_commands import serve
-from inercal.host.options import RunOptions
+from inercal.host.tasks import RunOptions
 from inercal.host.web import server
 
 TOKEN = "correct-horse-battery"

@@ -13,10 +13,10 @@ import pytest
 from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header, scripted
 
 from inercal.host.journal import Journal
-from inercal.host.options import RunOptions
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import RunLog
-from inercal.host.web import app, hub, run_process, viewers
+from inercal.host.tasks import RunOptions
+from inercal.host.web import app, hub, run_process, runs, viewers
 from inercal.host.web.run_request import PROCESS_RECORD, RunRequest, write_process_record
 
 
@@ -256,7 +256,7 @@ def begun_elsewhere(served: Served, name: str = "other") -> Path:
 def signalled(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     """Return which process is sent what, instead of sending it."""
     sent: list[tuple[int, int]] = []
-    monkeypatch.setattr(hub, "kill", lambda process, what: sent.append((process, what)))
+    monkeypatch.setattr(runs, "kill", lambda process, what: sent.append((process, what)))
     return sent
 
 
@@ -356,11 +356,11 @@ def test_a_run_that_the_disk_has_no_room_for_is_refused_before_it_begins(
     needed = said["plans"][0]["bytes"]
     assert 2e7 < needed < 2e8  # 23 minutes of 200 Hz
     assert said["free"] > needed
-    monkeypatch.setattr(hub, "free_space", lambda _: needed - 1)
+    monkeypatch.setattr(served.runs, "free_space", lambda: needed - 1)
     ada.say("start", plan="demo", sensor=None, **SIMULATED)
     assert "are free: make room" in ada.until("refused")["words"]
     assert list(served.runs.folder.iterdir()) == []
-    monkeypatch.setattr(hub, "free_space", lambda _: needed)
+    monkeypatch.setattr(served.runs, "free_space", lambda: needed)
     ada.start()
 
 

@@ -65,9 +65,15 @@ class Settled:
 class Executor(ABC):
     """Runs tasks; a context manager that is closed at the end of its block."""
 
-    @abstractmethod
+    def __init__(self):
+        self._waiting: deque[Task] = deque()  # accepted, and not begun
+        self._count = 0
+
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
         """Accept a task; return its index, counted from 0."""
+        self._waiting.append(Task(self._count, function, arguments))
+        self._count += 1
+        return self._count - 1
 
     @abstractmethod
     def completed(self) -> Iterator[tuple[int, Any]]:
@@ -114,9 +120,9 @@ class TolerantExecutor(Executor):
         with `TimeExceeded`. Tasks may be submitted meanwhile.
         """
 
-    @abstractmethod
     def forget_after(self, index: int) -> None:
         """Drop the tasks of larger index that do not run yet."""
+        self._waiting = deque(task for task in self._waiting if task.index <= index)
 
     def completed(self) -> Iterator[tuple[int, Any]]:
         """Yield index and result of each task as they come."""
@@ -136,16 +142,6 @@ class TolerantExecutor(Executor):
 class SerialExecutor(TolerantExecutor):
     """Runs each task in this process when its result is asked for, without a limit of time."""
 
-    def __init__(self):
-        self._tasks: deque[Task] = deque()
-        self._count = 0
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Accept a task; return its index."""
-        self._tasks.append(Task(self._count, function, arguments))
-        self._count += 1
-        return self._count - 1
-
     @property
     def workers(self) -> int:
         """One."""
@@ -153,8 +149,8 @@ class SerialExecutor(TolerantExecutor):
 
     def settled(self) -> Iterator[Settled]:
         """Yield each task, in order."""
-        while self._tasks:
-            task = self._tasks.popleft()
+        while self._waiting:
+            task = self._waiting.popleft()
             try:
                 result = task()
             except Exception as error:
@@ -162,13 +158,9 @@ class SerialExecutor(TolerantExecutor):
             else:
                 yield Settled(task.index, result, None)
 
-    def forget_after(self, index: int) -> None:
-        """Drop the tasks of larger index."""
-        self._tasks = deque(task for task in self._tasks if task.index <= index)
-
     def close(self) -> None:
         """Forget the tasks that are left."""
-        self._tasks.clear()
+        self._waiting.clear()
 
 
 def in_order(executor: Executor, first: int = 0) -> Iterator[Any]:

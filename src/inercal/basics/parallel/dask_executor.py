@@ -2,7 +2,7 @@
 
 import logging
 import re
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -154,6 +154,7 @@ class DaskExecutor(TolerantExecutor):
     """
 
     def __init__(self, client: Any):
+        super().__init__()
         self._client = client
         self._address = client.scheduler.address
         self._topic = f"inercal-{client.id}"
@@ -163,8 +164,6 @@ class DaskExecutor(TolerantExecutor):
         self._indices: dict[str, int] = {}  # by key of the future
         self._steps: dict[int, tuple[_Step, float]] = {}
         self._stopped_workers: set[str] = set()
-        self._waiting: list[Task] = []  # accepted, and not sent yet
-        self._count = 0
         self._clock = AwakeClock()
         with self._lost_scheduler_named():
             client.subscribe_topic(self._topic, self._note_step)
@@ -229,15 +228,10 @@ class DaskExecutor(TolerantExecutor):
         """Note a step of a task; the client calls it in a thread of its own."""
         self._news.put(_Step(*event[1]))
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Accept a task; return its index."""
-        self._count += 1
-        self._waiting.append(Task(self._count - 1, function, arguments))
-        return self._count - 1
-
     def _send(self) -> None:
         """Send the tasks that were accepted since, all in one message."""
-        tasks, self._waiting = self._waiting, []
+        tasks = list(self._waiting)
+        self._waiting.clear()
         if not tasks:
             return
         try:
@@ -255,7 +249,7 @@ class DaskExecutor(TolerantExecutor):
 
     def forget_after(self, index: int) -> None:
         """Drop the tasks of larger index."""
-        self._waiting = [task for task in self._waiting if task.index <= index]
+        super().forget_after(index)
         for other in [k for k in self._open if k > index]:
             self._forget(other).cancel()
 

@@ -5,12 +5,10 @@ which task was being computed. Here each process computes one task at a time.
 """
 
 import pickle
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
-from typing import Any
 
 from inercal.basics.parallel import Settled, Task, TimeExceeded, TolerantExecutor, WorkerLost
 from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
@@ -39,11 +37,10 @@ class IsolatedExecutor(TolerantExecutor):
     """
 
     def __init__(self, workers: int):
+        super().__init__()
         self._most = workers
         self._context = WorkerContext()
         self._workers: list[_Worker] = []
-        self._waiting: deque[Task] = deque()
-        self._count = 0
         self._failed_starts = 0
         self._clock = AwakeClock()
 
@@ -51,16 +48,6 @@ class IsolatedExecutor(TolerantExecutor):
     def workers(self) -> int:
         """Processes at most."""
         return self._most
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Accept a task; return its index."""
-        self._waiting.append(Task(self._count, function, arguments))
-        self._count += 1
-        return self._count - 1
-
-    def forget_after(self, index: int) -> None:
-        """Drop the tasks of larger index that do not run yet."""
-        self._waiting = deque(task for task in self._waiting if task.index <= index)
 
     def settled(self) -> Iterator[Settled]:
         """Yield each task as it ends."""
@@ -128,7 +115,8 @@ class IsolatedExecutor(TolerantExecutor):
     def _answer_death(self, worker: _Worker) -> Settled | None:
         """Forget a process that has died; a task that had not begun is sent to another one."""
         task = self._remove(worker)
-        how = _describe_exit(worker.process.exitcode)
+        code = worker.process.exitcode
+        how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
         if worker.step is None and self._failed_starts < _STARTS:
             self._failed_starts += 1
             self._waiting.appendleft(task)
@@ -155,10 +143,6 @@ class IsolatedExecutor(TolerantExecutor):
         worker.connection.close()
         worker.process.join()
         return worker.task
-
-
-def _describe_exit(code: int | None) -> str:
-    return f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
 
 
 def _compute(connection: Connection) -> None:

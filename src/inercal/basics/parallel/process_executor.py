@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from queue import Empty, SimpleQueue
@@ -18,7 +17,7 @@ from threading import Semaphore
 from time import perf_counter
 from typing import Any, Self
 
-from inercal.basics.parallel import Executor, Task, WorkerLost
+from inercal.basics.parallel import Executor, Settled, Task, WorkerLost
 from inercal.basics.parallel.worker_process import WorkerContext
 
 # A process imports for about 1 s until it computes. Two processes halve the time of the tasks: for
@@ -28,13 +27,6 @@ LEAST_WORK = 2.0  # s
 _FIRST_SEEMS_LONGER = 3.0
 # A wait without end would not hear the keyboard on Windows.
 _WAIT = 0.2  # s
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    index: int
-    result: Any
-    error: BaseException | None
 
 
 class ProcessExecutor(Executor):
@@ -51,12 +43,11 @@ class ProcessExecutor(Executor):
     """
 
     def __init__(self, workers: int, least_work: float = LEAST_WORK, at_once: bool = False):
+        super().__init__()  # of those waiting the pool's thread takes some too
         self._workers, self._least_work, self._at_once = workers, least_work, at_once
-        self._waiting: deque[Task] = deque()  # the pool's thread takes tasks too
         self._bound: deque[Task] = deque()  # to this process: they cannot be pickled
-        self._outcomes: SimpleQueue[_Outcome] = SimpleQueue()
+        self._outcomes: SimpleQueue[Settled] = SimpleQueue()
         self._open: set[int] = set()  # submitted, and not yielded
-        self._count = 0
         self._task_seconds: float | None = None  # of one task, as far as known
         self._done_here = 0
         self._context = WorkerContext()
@@ -65,7 +56,7 @@ class ProcessExecutor(Executor):
         # this process is busy.
         others = workers - 1
         self._places = Semaphore(others + 1)
-        self._failure: _Outcome | None = None
+        self._failure: Settled | None = None
 
     def __enter__(self) -> Self:
         """Start the other processes, if they are to start at once."""
@@ -75,11 +66,8 @@ class ProcessExecutor(Executor):
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
         """Accept a task; return its index."""
-        index = self._count
-        self._count += 1
-        self._open.add(index)
-        self._waiting.append(Task(index, function, arguments))
-        return index
+        self._open.add(self._count)
+        return super().submit(function, *arguments)
 
     def completed(self) -> Iterator[tuple[int, Any]]:
         """Yield index and result of each task as they come."""
@@ -119,7 +107,7 @@ class ProcessExecutor(Executor):
             return False
         return self._task_seconds * len(self._waiting) >= self._least_work
 
-    def _next_outcome(self) -> _Outcome | None:
+    def _next_outcome(self) -> Settled | None:
         """Return what has come from another process, else the result of a task done here."""
         try:
             return self._outcomes.get_nowait()
@@ -135,12 +123,12 @@ class ProcessExecutor(Executor):
         except Empty:
             return None
 
-    def _run_here(self, task: Task) -> _Outcome:
+    def _run_here(self, task: Task) -> Settled:
         begin = perf_counter()
         try:
-            outcome = _Outcome(task.index, task(), None)
+            outcome = Settled(task.index, task(), None)
         except Exception as error:
-            return _Outcome(task.index, None, error)
+            return Settled(task.index, None, error)
         seconds = perf_counter() - begin
         self._done_here += 1
         self._task_seconds = seconds / (_FIRST_SEEMS_LONGER if self._done_here == 1 else 1.0)
@@ -156,7 +144,7 @@ class ProcessExecutor(Executor):
             try:
                 future = pool.submit(_run_pickled, content)
             except RuntimeError as error:  # the pool is broken, or closed
-                self._outcomes.put(_Outcome(index, None, error))
+                self._outcomes.put(Settled(index, None, error))
                 return
             future.add_done_callback(partial(self._receive, pool, index))
 
@@ -178,9 +166,9 @@ class ProcessExecutor(Executor):
         if not isinstance(error, BrokenProcessPool):
             self._places.release()
             self._feed(pool)
-        self._outcomes.put(_Outcome(index, None if error else future.result(), error))
+        self._outcomes.put(Settled(index, None if error else future.result(), error))
 
-    def _fail(self, failed: _Outcome) -> None:
+    def _fail(self, failed: Settled) -> None:
         """Note a failure; tasks after it are dropped, those before it may fail first."""
         if isinstance(failed.error, BrokenProcessPool):
             raise WorkerLost(

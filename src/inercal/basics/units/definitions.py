@@ -8,7 +8,6 @@ base units, one for each dimension, in the order in which it is written::
 
 import math
 from collections.abc import Mapping
-from functools import cache
 from typing import NamedTuple
 
 
@@ -63,9 +62,7 @@ PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "c": 0.01, "k": 1e3, "M": 1e6}
 _SPELLINGS = {"": "", **dict(zip(PREFIXES, PREFIXES, strict=True)), "u": "µ"}  # to the prefix
 
 
-@cache
-def _canonical() -> Mapping[str, str]:
-    return {name: unit for unit, definition in UNITS.items() for name in definition.names}
+_CANONICAL = {name: unit for unit, definition in UNITS.items() for name in definition.names}
 
 
 def canonical_name(name: str) -> str | None:
@@ -73,7 +70,6 @@ def canonical_name(name: str) -> str | None:
 
     A plural "s" may follow a name of two letters and more.
     """
-    canonical = _canonical()
     stems = [name]
     if name.endswith("s"):
         stems.append(name[:-1])
@@ -82,7 +78,7 @@ def canonical_name(name: str) -> str | None:
             unit = stem[len(spelling) :] if stem.startswith(spelling) else ""
             if stem is not name and len(unit) == 1:
                 continue
-            found = canonical.get(unit)
+            found = _CANONICAL.get(unit)
             if found is not None and (not prefix or prefix in UNITS[found].prefixes):
                 return prefix + found
     return None

@@ -15,7 +15,7 @@ from inercal.physics.section_settings import (
     section_deviation,
     section_length,
 )
-from inercal.recordings.data.data_section import DataSection, ReadbackColumn, unit_size
+from inercal.recordings.data import DataSection, ReadbackColumn, unit_size
 
 
 @add_bench_keys(Centrifuge, after={"platform": "dwell_tilt"})

@@ -16,7 +16,7 @@ from inercal.physics.section_settings import (
     section_harmonics,
     si_value,
 )
-from inercal.recordings.data.data_section import ReadbackColumn, RestsSection, unit_size
+from inercal.recordings.data import ReadbackColumn, RestsSection, unit_size
 from inercal.recordings.io.read import read_table
 
 _FEWEST_FACES = 3  # of a polygon

@@ -1,7 +1,7 @@
 """The covariance of qualified parameters as the prior of an estimate.
 
 Estimators count parameters of a bench as independent, those of filters apart; the update of their
-estimate by the joint covariance is exact for a linear problem (`estimate.prior_covariance`).
+estimate by the joint covariance is exact for a linear problem (`with_prior_covariance`).
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.parameters import NOT_QUALIFIED, QualifiedParameters
 from inercal.benches import Bench
 from inercal.estimation import Estimate, Gaussian
-from inercal.estimation.prior_covariance import with_prior_covariance
+from inercal.estimation.result import with_prior_covariance
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 

@@ -126,12 +126,14 @@ def require_covariance(covariance: Array, names: tuple[str, ...], what: str) -> 
     InputError
     """
     k = len(names)
-    symmetric = covariance.shape == (k, k) and bool(np.isfinite(covariance).all())
-    symmetric = symmetric and np.allclose(covariance, covariance.T, rtol=1e-9, atol=0)
-    variance = np.diagonal(covariance) if symmetric else np.zeros(1)
+    known = covariance.shape == (k, k) and bool(np.isfinite(covariance).all())
+    variance = np.diagonal(covariance) if known else np.zeros(1)
     if (variance > 0).all():
         sd = np.sqrt(variance)
-        if np.linalg.eigvalsh(covariance / np.outer(sd, sd))[0] > 0:
+        correlation = covariance / np.outer(sd, sd)
+        # A correlation of almost zero is nothing but rounding, which need not be symmetric.
+        symmetric = np.allclose(correlation, correlation.T, rtol=0, atol=1e-9)
+        if symmetric and np.linalg.eigvalsh(correlation)[0] > 0:
             return
     raise InputError(
         f"{what}: the covariance of {', '.join(names)} is not symmetric and positive definite",

@@ -15,7 +15,7 @@ from inercal.physics.section_settings import (
     section_gravity,
     si_value,
 )
-from inercal.recordings.data.data_section import DataSection, unit_size
+from inercal.recordings.data import DataSection, unit_size
 
 
 class RatePlatformSection(BenchSection):

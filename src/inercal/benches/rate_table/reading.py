@@ -30,14 +30,13 @@ from inercal.recordings.data.recording_loader import (
 )
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import number_column, observations_from_table, read_columns
-from inercal.recordings.segments import (
-    average_dwells,
-    find_dwells,
+from inercal.recordings.segments import average_dwells, find_dwells
+from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments.dwells import ARM_RATE
+from inercal.recordings.segments.stationary_states import (
     find_stationary_states,
     omitted_state_findings,
 )
-from inercal.recordings.segments import observe as averaged
-from inercal.recordings.segments.dwells import ARM_RATE
 
 _ANGLE = r"(-?\d+(?:\.\d+)?)\s*°?"
 _NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)?")

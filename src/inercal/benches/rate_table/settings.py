@@ -9,7 +9,7 @@ from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.motion_control import AxisMotionLimits
 from inercal.benches.rate_table.bench import RateTable
 from inercal.physics.section_settings import PLANNING, BenchSection, section_length, si_value
-from inercal.recordings.data.data_section import DataSection, ReadbackColumn, unit_size
+from inercal.recordings.data import DataSection, ReadbackColumn, unit_size
 
 
 @add_bench_keys(RateTable)

@@ -199,9 +199,14 @@ def body_rates(bench: Turntable, angles: Array, rates: Array) -> Array:
         As of `motion`.
     """
     result = np.empty((len(angles), 3))
+    up, north = earth_rate_up_north(bench.latitude)
     for start in range(0, len(angles), _BLOCK):
         part = slice(start, start + _BLOCK)
-        result[part] = motion(bench, angles[part], rates[part], np.zeros_like(rates[part]), {}).w
+        rows, axes = _attitude_rows_and_axes(bench, angles[part], {})
+        turning = np.zeros((3, 1))
+        for u, rate in zip(axes[::-1], rates[part].T[::-1], strict=True):
+            turning = turning + rate * u.reshape(3, -1)
+        result[part] = (north * rows[1] + up * rows[2] + turning).T
     return result
 
 
@@ -222,6 +227,14 @@ def _attitude_and_axes(
     bench: Turntable, angles: Array, q: Mapping[str, Array]
 ) -> tuple[Array, list[Array]]:
     """Return the attitude (..., n, 3, 3), and each axis' direction in the body, (3, ..., n)."""
+    rows, axes = _attitude_rows_and_axes(bench, angles, q)
+    return np.ascontiguousarray(np.moveaxis(rows, (0, 1), (-2, -1))), axes
+
+
+def _attitude_rows_and_axes(
+    bench: Turntable, angles: Array, q: Mapping[str, Array]
+) -> tuple[Array, list[Array]]:
+    """Return the attitude as `_attitude_and_axes` does, but (3, 3, ..., n)."""
     angles = _checked_angles(bench, angles)
     letters = ["xyz".index(a) for a in bench.axes]
     # The rotation of the axes inside the i-th, (3, 3, ..., n). NumPy takes twice as long for
@@ -241,7 +254,7 @@ def _attitude_and_axes(
         base = _with_dimensions(base, within.ndim)
         rows = [b[0] * within[0] + b[1] * within[1] + b[2] * within[2] for b in base]
         within = np.stack(rows)
-    return np.ascontiguousarray(np.moveaxis(within, (0, 1), (-2, -1))), axes[::-1]
+    return within, axes[::-1]
 
 
 def _base_attitude(bench: Turntable, q: Mapping[str, Array]) -> Array:

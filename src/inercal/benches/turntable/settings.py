@@ -20,7 +20,7 @@ from inercal.physics.section_settings import (
     section_harmonics,
     si_value,
 )
-from inercal.recordings.data.data_section import DataSection, ReadbackColumn, unit_size
+from inercal.recordings.data import DataSection, ReadbackColumn, unit_size
 
 _WIDEST_AZIMUTH = 0.0873  # rad
 _LONGEST_LEVER = 1.0  # m

@@ -20,6 +20,7 @@ not in this model: they shift θ, and no number of sensors lowers them.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 import scipy
@@ -162,3 +163,32 @@ def _root(
             break
         x = max(x + step, least)
     return x
+
+
+def scatter_limits(variance: float, variance_of_it: float, dof: int) -> Component:
+    """Return σ, estimated in the presence of known noise, with limits of 95.45 % coverage.
+
+    σ² + s², s² the part of the noise, has the distribution of χ² with ν degrees of freedom, and so
+    the variance 2 (σ² + s²)²/ν: from it follows s².
+
+    Parameters
+    ----------
+    variance, variance_of_it : float
+        σ² as estimated, and the variance of the estimate.
+    dof : int
+        ν.
+
+    Examples
+    --------
+    >>> found = scatter_limits(1.0, 2 / 9, 9)  # without noise
+    >>> round(found.low, 2), round(found.high, 2)
+    (0.68, 1.85)
+    """
+    total = max(sqrt(variance_of_it * dof / 2), variance)
+    noise = total - variance
+    tail = (1 - COVERAGE_PROBABILITY) / 2
+    low, high = (
+        max(total * dof / float(scipy.special.chdtri(dof, p)) - noise, 0.0)
+        for p in (tail, 1 - tail)
+    )
+    return Component(sqrt(variance), sqrt(low), sqrt(high), dof)

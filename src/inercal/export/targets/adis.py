@@ -14,7 +14,13 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.shared import Correction, by_triad, comments, needed, require_aligned
+from inercal.export.targets.shared import (
+    Correction,
+    by_triad,
+    needed,
+    require_aligned,
+    with_comments,
+)
 from inercal.export.term_kinds import TermKind
 
 _SCALE_BITS = 16
@@ -57,10 +63,6 @@ def _render(request: Request) -> Rendering:
         lines += _registers([f"{a}{letter}_BIAS" for a in "XYZ"], biases, options["bias_bits"])
         corrections[kind] = _correction(factor, biases * lsb, first)
 
-    def write(header: Sequence[str]) -> str:
-        body = "register,value,word\n" + "\n".join(lines) + "\n"
-        return comments(header, "#") + body
-
     factor_text = "" if step is None else f"(1 + {step:.9g} SCALE) "
     sizes = ", ".join(f"{options[_KINDS[k][0]]:.9g}" for k, _ in model.triads)
     formula = {
@@ -69,7 +71,7 @@ def _render(request: Request) -> Rendering:
     }[first]
     return Rendering(
         by_triad(model, corrections),
-        write,
+        with_comments("register,value,word\n" + "\n".join(lines) + "\n"),
         (f"{formula}; LSB = {sizes} (m/s^2, rad/s), as the user stated it",),
         "readings with all these registers at 0, in m/s^2 and rad/s",
         ("check order and sizes in the data sheet of the part: inercal does not know them",),

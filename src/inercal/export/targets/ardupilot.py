@@ -7,10 +7,13 @@
 with OFFS the bias at T_cal, SCAL = 1/M_ii. The polynomial about 35 °C follows from that about the
 reference T_r, Σ a_k (T − T_r)^k, by c_j = 10⁶ Σ_k (k over j) a_k (35 − T_r)^(k−j). Written from a
 description of the order of operations of AP_InertialSensor (GPL-3); no line is taken from it.
+The reader takes `NAME,VALUE` or `NAME VALUE`; the reference temperature becomes T_cal within
+TMIN … TMAX.
 """
 
-from collections.abc import Sequence
-from math import comb
+from collections.abc import Mapping
+from math import comb, inf
+from typing import Any
 
 import numpy as np
 
@@ -18,25 +21,33 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.export.ranges import temperature_limits
+from inercal.export.reader_definition import (
+    CalibrationReader,
+    StatedCalibration,
+    StatedTriad,
+    parameter_calibration,
+)
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import (
     PARAMETERS,
     Correction,
     by_triad,
-    comments,
     number,
+    parameter_correction,
     require_aligned,
     single,
+    with_comments,
 )
 
-CENTRE = 35.0  # °C
-UNIT = 1e-6
-ORDERS = 3
+_WORDS = {"f": "ACC", "w": "GYR"}
+_CENTRE = 35.0  # °C
+_UNIT = 1e-6
+_ORDERS = 3
 _MIN_SPAN = 10.0  # K
 _SMALLEST = 1e-9  # an offset of exactly 0 reads as "not calibrated"
-
+_IMU = TargetOption("imu", "number of the IMU, 1 to 3", 1, kind=int)
 OPTIONS = (
-    TargetOption("imu", "number of the IMU, 1 to 3", 1, kind=int),
+    _IMU,
     TargetOption("acc_id", "INS_ACC_ID of this board", kind=int),
     TargetOption("gyro_id", "INS_GYR_ID of this board", kind=int),
     TargetOption("lowest", "INS_TCALn_TMIN, where temperature is corrected, degC"),
@@ -44,15 +55,15 @@ OPTIONS = (
 )
 
 
-def parameter_names(kind: str, imu: int) -> tuple[str, str, str, str]:
+def _parameter_names(kind: str, imu: int) -> tuple[str, str, str, str]:
     """Return the stems of offset, scale, device id and temperature parameters of an IMU."""
-    word = "ACC" if kind == "f" else "GYR"
+    word = _WORDS[kind]
     n = "" if imu == 1 else str(imu)
     offsets = "INS_GYROFFS_" if kind == "w" and imu == 1 else f"INS_{word}{n}OFFS_"
     return offsets, f"INS_ACC{n}SCAL_", f"INS_{word}{n}_ID", f"INS_{word}{imu}_CALTEMP"
 
 
-def shifted(powers: Array, by: float) -> Array:
+def _shifted(powers: Array, by: float) -> Array:
     """Return the coefficients of t, t², …, (k, 3), of a polynomial about another centre.
 
     Parameters
@@ -95,9 +106,9 @@ def _render(request: Request) -> Rendering:
         lines += [(f"INS_TCAL{imu}_TMIN", limits[0]), (f"INS_TCAL{imu}_TMAX", limits[1])]
     corrections: dict[str, Correction] = {}
     for kind, triad in model.triads:
-        offsets, scales, device, temperature = parameter_names(kind, imu)
-        powers = triad.bias_powers[:ORDERS]
-        about = shifted(powers, CENTRE - reference) / UNIT
+        offsets, scales, device, temperature = _parameter_names(kind, imu)
+        powers = triad.bias_powers[:_ORDERS]
+        about = _shifted(powers, _CENTRE - reference) / _UNIT
         bias = triad.bias_at(np.array([taken - reference]))[0] if thermal else triad.bias
         bias = np.where(bias == 0, _SMALLEST, bias)
         scale = 1 / np.diag(triad.matrix) if kind == "f" else np.ones(3)
@@ -107,26 +118,30 @@ def _render(request: Request) -> Rendering:
         if kind == "f":
             lines += [(scales + a, x) for a, x in zip("XYZ", scale, strict=True)]
         if thermal:
-            word = "ACC" if kind == "f" else "GYR"
+            word = _WORDS[kind]
             lines += [
                 (f"INS_TCAL{imu}_{word}{k}_{a}", about[k - 1, j] if k <= len(about) else 0.0)
-                for k in range(1, ORDERS + 1)
+                for k in range(1, _ORDERS + 1)
                 for j, a in enumerate("XYZ")
             ]
             lines.append((temperature, taken))
-        corrections[kind] = _correction(bias, scale, about, reference, taken, limits)
+        corrections[kind] = parameter_correction(
+            single(bias),
+            single(scale),
+            single(about) * _UNIT,
+            taken,
+            limits,
+            reference=reference,
+            centre=_CENTRE,
+        )
     if any(kind == "w" for kind, _ in model.triads):
         lines.append(("INS_GYR_CAL", 0))
 
-    def write(header: Sequence[str]) -> str:
-        # Device ids have more digits than single precision.
-        values = (
-            str(value) if isinstance(value, int) else number(single(value).item())
-            for _, value in lines
-        )
-        rows = (f"{name},{text}\n" for (name, _), text in zip(lines, values, strict=True))
-        return comments(header, "#") + "".join(rows)
-
+    # Device ids have more digits than single precision.
+    body = "".join(
+        f"{name},{value if isinstance(value, int) else number(single(value).item())}\n"
+        for name, value in lines
+    )
     formula = ["accelerometer: f = SCAL * (raw - thermal - OFFS); gyro: w = raw - thermal - OFFS"]
     if thermal:
         formula.append(
@@ -138,35 +153,64 @@ def _render(request: Request) -> Rendering:
         remarks.append("no device ids were stated (acc_id, gyro_id): check that the board is this")
     return Rendering(
         by_triad(model, corrections),
-        write,
+        with_comments(body),
         tuple(formula),
         "readings of the driver in m/s^2 and rad/s, before AHRS_ORIENTATION",
         tuple(remarks),
     )
 
 
-def _correction(
-    bias: Array,
-    scale: Array,
-    about: Array,
-    reference: float,
-    taken: float,
-    limits: tuple[float, float],
-):
-    offset, factor, terms = single(bias), single(scale), single(about) * UNIT
-
-    def polynomial(t: Array) -> Array:
-        return sum(
-            (t[:, None] ** k * line for k, line in enumerate(terms, start=1)),
-            np.zeros((t.size, 3)),
+def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+    known = _parameters(text)
+    imu = options["imu"]
+    thermal = known.get(f"INS_TCAL{imu}_ENABLE") == 1
+    triads: dict[str, StatedTriad] = {}
+    references: set[float] = set()
+    for kind, word in _WORDS.items():
+        offsets, scales, _, temperature = _parameter_names(kind, imu)
+        if f"{offsets}X" not in known:
+            continue
+        bias = np.array([known.get(offsets + a, 0.0) for a in "XYZ"])
+        scale = np.array([known.get(scales + a, 1.0) for a in "XYZ"])
+        if (scale == 0).any():
+            raise InputError(f"{scales}X … Z have a 0: this accelerometer was not calibrated")
+        powers = np.zeros((0, 3))
+        if thermal:
+            if temperature not in known:
+                raise InputError(f"{temperature} is missing: the offsets have no temperature")
+            lowest = known.get(f"INS_TCAL{imu}_TMIN", -inf)
+            highest = known.get(f"INS_TCAL{imu}_TMAX", inf)
+            taken = min(max(known[temperature], lowest), highest)
+            about = [
+                [known.get(f"INS_TCAL{imu}_{word}{k}_{a}", 0.0) for a in "XYZ"]
+                for k in range(1, _ORDERS + 1)
+            ]
+            powers = _shifted(np.array(about) * _UNIT, taken - _CENTRE)
+            references.add(taken + ZERO_CELSIUS)
+        triads[kind] = StatedTriad(
+            scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
+    if not triads:
+        raise InputError(
+            f"no parameters of IMU {imu}, such as INS_ACCOFFS_X: give parameters of ArduPilot, or "
+            "another --set imu=…"
+        )
+    return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
 
-    def correct(y: Array, dT: Array) -> Array:
-        t = np.clip(dT + reference, *limits) - CENTRE
-        thermal = polynomial(t) - polynomial(np.array([taken - CENTRE]))
-        return factor * (y - thermal - offset)
 
-    return correct
+def _parameters(text: str) -> dict[str, float]:
+    known: dict[str, float] = {}
+    for place, line in enumerate(text.splitlines(), start=1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            known[words[0]] = float(words[1])
+        except (IndexError, ValueError):
+            raise InputError(
+                f"line {place} is no NAME,VALUE: give parameters of ArduPilot", line=place
+            ) from None
+    return known
 
 
 TARGET = Target(
@@ -176,5 +220,6 @@ TARGET = Target(
     PARAMETERS,
     _render,
     OPTIONS,
-    temperature_order=ORDERS,
+    temperature_order=_ORDERS,
 )
+READER = CalibrationReader("ardupilot", "ArduPilot parameter", _read, (_IMU,))

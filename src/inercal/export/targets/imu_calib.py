@@ -6,10 +6,8 @@ The bias is subtracted after the matrix: SM = C = M⁻¹, bias = C b. Source: ac
 dpkoch/imu_calib (BSD-3), described in words.
 """
 
-from collections.abc import Sequence
-
 from inercal.export.target_definition import Rendering, Request, Target
-from inercal.export.targets.shared import MATRIX, by_triad, comments, written, yaml_row
+from inercal.export.targets.shared import MATRIX, by_triad, with_comments, written, yaml_row
 
 
 def _render(request: Request) -> Rendering:
@@ -18,14 +16,11 @@ def _render(request: Request) -> Rendering:
     matrix = written(triad.correction, 12)
     bias = written(triad.correction @ triad.bias, 12)
 
-    def write(header: Sequence[str]) -> str:
-        rows = ",\n     ".join(yaml_row(row, 12) for row in matrix)
-        return comments(header, "#") + f"SM: [{rows}]\nbias: [{yaml_row(bias, 12)}]\n"
-
+    rows = ",\n     ".join(yaml_row(row, 12) for row in matrix)
     gyros = ("gyros are not corrected: imu_calib takes a mean at rest",) * (model.gyro is not None)
     return Rendering(
         by_triad(model, {"f": lambda y, dT: y @ matrix.T - bias}),
-        write,
+        with_comments(f"SM: [{rows}]\nbias: [{yaml_row(bias, 12)}]\n"),
         ("f = SM y - bias (the bias is subtracted after the matrix)",),
         "readings of sensor_msgs/Imu in m/s^2",
         gyros,

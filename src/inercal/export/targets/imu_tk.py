@@ -7,14 +7,18 @@ output x = C (output − o). The program reads 21 numbers and ignores the rest o
 the explanation follows. Source: calibration.h of imu_tk (2-clause BSD), described in words.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import MATRIX, by_triad, number, output_text, written
 
+_COUNT = 21  # numbers: T and K row by row, then B
 OPTIONS = (
     TargetOption(
         "part", "which triad", "accelerometer", kind=str, choices=("accelerometer", "gyro")
@@ -52,5 +56,33 @@ def _render(request: Request) -> Rendering:
     )
 
 
+def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+    words = text.split()[:_COUNT]
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError:
+        numbers = np.zeros(0)
+    if numbers.size < _COUNT or not np.isfinite(numbers).all():
+        raise InputError("no .calib file of imu_tk: it begins with 21 numbers")
+    matrix, scale = numbers[:9].reshape(3, 3), numbers[9:18].reshape(3, 3)
+    correction = matrix @ scale
+    if abs(np.linalg.det(correction)) == 0:
+        raise InputError("T K has no inverse; restore the file")
+    triad = StatedTriad(
+        matrix=np.asarray(np.linalg.inv(correction), dtype=float), bias=numbers[18:]
+    )
+    accelerometer = options["part"] == "accelerometer"
+    # With a lower triangle of zero, imu_tk's own frame of the accelerometers' axes.
+    own = accelerometer and not np.tril(matrix, -1).any()
+    return StatedCalibration(
+        triad if accelerometer else None,
+        None if accelerometer else triad,
+        own_frame=own,
+        output=True,
+        notes=("turned from imu_tk's frame, z along the z axis, to x along the x axis",) * own,
+    )
+
+
 TARGET = Target("imu_tk", "imu_tk .calib of one triad", ".calib", {"f": MATRIX, "w": MATRIX},
                 _render, OPTIONS)  # fmt: skip
+READER = CalibrationReader("imu_tk", "imu_tk .calib", _read, OPTIONS)

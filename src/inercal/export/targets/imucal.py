@@ -4,30 +4,31 @@
 
 With output = offset + scale (M f + b): K_a = diag(scale), R_a = M, b_a = offset + scale b, and
 K_ga = scale A of the gyros. Source: ferraris_calibration_info.py of mad-lab-fau/imucal 2.6 (MIT).
+The reader takes results in acc_unit and gyr_unit to m/s² and rad/s.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 
+_UNITS = {"deg/s": "°/s", "dps": "°/s"}
+_MATRICES = ("K_a", "R_a", "b_a", "K_g", "R_g", "K_ga", "b_g")
 OPTIONS = (
-    TargetOption(
-        "from_acc_unit", "unit of the readings, as the user of imucal passes it", kind=str
+    *(
+        TargetOption(name, "unit of the readings, as the user of imucal passes it", kind=str)
+        for name in ("from_acc_unit", "from_gyr_unit")
     ),
     TargetOption(
-        "from_gyr_unit", "unit of the readings, as the user of imucal passes it", kind=str
-    ),
-    TargetOption(
-        "cal_type",
-        "class of imucal",
-        "Ferraris",
-        kind=str,
-        choices=("Ferraris", "Turntable"),
+        "cal_type", "class of imucal", "Ferraris", kind=str, choices=("Ferraris", "Turntable")
     ),
 )
 
@@ -68,5 +69,37 @@ def _render(request: Request) -> Rendering:
     )
 
 
+def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+    try:
+        content = json.loads(text)
+        arrays = {name: np.array(content[name], dtype=float) for name in _MATRICES}
+        units = [str(content[name]) for name in ("acc_unit", "gyr_unit")]
+        raw = [str(content.get(name)) for name in ("from_acc_unit", "from_gyr_unit")]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(f"no calibration of imucal: {type(error).__name__} {error}") from None
+    for name, array in arrays.items():
+        wanted = (3,) if name.startswith("b") else (3, 3)
+        if array.shape != wanted or not np.isfinite(array).all():
+            raise InputError(f"{name} must be {' × '.join(map(str, wanted))} finite numbers")
+    force, rate = (
+        si_factor(_UNITS.get(unit, unit), like=like)
+        for unit, like in zip(units, ("m/s^2", "rad/s"), strict=True)
+    )
+    acc = StatedTriad(matrix=arrays["K_a"] @ arrays["R_a"] / force, bias=arrays["b_a"])
+    gyro = StatedTriad(
+        matrix=arrays["K_g"] @ arrays["R_g"] / rate,
+        bias=arrays["b_g"],
+        sensitivity=arrays["K_ga"] / force,
+    )
+    return StatedCalibration(
+        acc,
+        gyro,
+        output=True,
+        units=(_UNITS.get(raw[0], raw[0]), _UNITS.get(raw[1], raw[1])),
+        notes=(f"readings in {raw[0]} and {raw[1]}",),
+    )
+
+
 TARGET = Target("imucal", "imucal JSON", ".json", {"f": MATRIX, "w": MATRIX_AND_G},
                 _render, OPTIONS)  # fmt: skip
+READER = CalibrationReader("imucal", "imucal JSON", _read)

@@ -1,83 +1,293 @@
-"""Kalibr: imu.yaml of its scale-misalignment model.
+"""Kalibr and OpenVINS: IMU files with triangular matrices, and Kalibr's read back.
 
-    y = M f + b,   y_g = M_g C_gyro_i ω + A C_gyro_i f + b_g
+    Kalibr     y = M f + b,   y_g = M_g C_gyro_i ω + A C_gyro_i f + b_g
+    OpenVINS   f = R_ACCtoIMU Ta⁻¹ (y − b),   ω = R_GYROtoIMU Tw⁻¹ (y_g − b_g − Tg f)
 
-M and M_g are lower triangular, in the frame of `triangular`, so M = L, M_g = L_g, C_gyro_i = C_g
-and A = A_body Qᵀ C_gᵀ: A acts on the force turned into the gyro's frame. Source: IccSensors.py of
-ethz-asl/kalibr (BSD), described in words.
+In their IMU frame x lies along the accelerometer's x axis, y in the plane of its x and y. With
+M = L Q (L lower triangular, Q a rotation) the frame is t = Q body; there y = L f + b. The gyro has
+a frame of its own, G Qᵀ = L_g C_g, and y_g = L_g C_g ω + A_body Qᵀ f + b_g. So for Kalibr M = L,
+M_g = L_g, C_gyro_i = C_g and A = A_body Qᵀ C_gᵀ: A acts on the force turned into the gyro's frame.
+For OpenVINS Ta = L, R_IMUtoACC = I, Tw = L_g, R_IMUtoGYRO = C_g and Tg = A_body Qᵀ, which acts on
+the force in the IMU frame. Sources: IccSensors.py of ethz-asl/kalibr (BSD), described in words; a
+description of ov_msckf and ov_core (GPL-3), of which no line is taken. Files of Kalibr have no
+biases; the noise densities that both need are stated by the user.
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.export.target_definition import Rendering, Request, Target
-from inercal.export.targets.noise import NOISE_OPTIONS, noise_lines
-from inercal.export.targets.shared import comments, written
-from inercal.export.targets.triangular import (
-    TriangularModel,
-    triangular_model,
-    turn_remark,
-    yaml_matrix,
+from inercal.basics.errors import InputError, require_extra
+from inercal.basics.small_files import read_small_file
+from inercal.export.model import ExportModel
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.targets.shared import (
+    comments,
+    require_aligned,
+    row_text,
+    with_comments,
+    written,
+    yaml_number,
+    yaml_row,
 )
 from inercal.export.term_kinds import TermKind
+from inercal.physics import frames
 
-HOLDS: dict[str, frozenset[TermKind]] = {
+_HOLDS: dict[str, frozenset[TermKind]] = {
     "f": frozenset({"scale", "misalignment"}),
     "w": frozenset({"scale", "misalignment", "g"}),
 }
+_KEYS = {
+    "accelerometer_noise_density": "m/s^2/sqrt(Hz)",
+    "accelerometer_random_walk": "m/s^3/sqrt(Hz)",
+    "gyroscope_noise_density": "rad/s/sqrt(Hz)",
+    "gyroscope_random_walk": "rad/s^2/sqrt(Hz)",
+    "update_rate": "Hz",
+}
+_LARGEST = 1 << 20  # bytes of a file of noise
+_OPTIONS = (
+    *(TargetOption(name, f"{unit}; or in the file of noise") for name, unit in _KEYS.items()),
+    TargetOption("noise", "imu.yaml of a noise analysis, with these keys", kind=str),
+    TargetOption("rostopic", "topic of the IMU", "/imu0", kind=str),
+)
 
 
-def _render(request: Request) -> Rendering:
-    model = request.model
-    one = triangular_model(model, "kalibr")
-    noise = noise_lines(request.options, "kalibr")
-    sensitivity = written(one.sensitivity @ one.gyro_turn.T, 12)
+@dataclass(frozen=True, eq=False)
+class _TriangularModel:
+    """L, Q, L_g, C_g and A Qᵀ as written, all (3, 3)."""
 
-    def write(header: Sequence[str]) -> str:
-        lines = ["imu0:", *(f"  {line}" for line in noise), "  model: scale-misalignment"]
-        lines += yaml_matrix("T_i_b", np.eye(4), "  ", 1)
-        lines += ["  accelerometers:", *yaml_matrix("M", one.accelerometer, "    ")]
-        lines += ["  gyroscopes:", *yaml_matrix("M", one.gyro, "    ")]
-        lines += yaml_matrix("A", sensitivity, "    ")
-        lines += yaml_matrix("C_gyro_i", one.gyro_turn, "    ")
-        return comments(header, "#") + "\n".join(lines) + "\n"
+    accelerometer: Array
+    turn: Array
+    gyro: Array
+    gyro_turn: Array
+    sensitivity: Array
 
-    acc, gyro = (triad for _, triad in model.triads)
-    return Rendering(
-        correction(one, np.zeros(3), np.zeros(3)),
-        write,
+    def correction(self, bias: Array, gyro_bias: Array):
+        """Return the correction in the frame of the calibration, by the matrices of the file."""
+        back = np.linalg.inv(self.accelerometer)
+        back_g = self.gyro_turn.T @ np.linalg.inv(self.gyro)
+
+        def correct(readings: Array, dT: Array) -> Array:
+            f = (readings[:, :3] - bias) @ back.T
+            w = (readings[:, 3:] - gyro_bias - f @ self.sensitivity.T) @ back_g.T
+            return np.concatenate([f @ self.turn, w @ self.turn], axis=-1)
+
+        return correct
+
+
+def _triangular_model(model: ExportModel, target: str) -> _TriangularModel:
+    acc, gyro = model.require("f", target), model.require("w", target)
+    require_aligned(model, target)
+    lower, turn = frames.decompose_triangular(acc.matrix)
+    lower_g, turn_g = frames.decompose_triangular(gyro.matrix @ turn.T)
+    sensitivity = model.g_sensitivity @ turn.T
+    return _TriangularModel(*(written(m, 12) for m in (lower, turn, lower_g, turn_g, sensitivity)))
+
+
+def _render_kalibr(request: Request) -> Rendering:
+    one = _triangular_model(request.model, "kalibr")
+    lines = [
+        *_head_lines(request, "kalibr", "scale-misalignment"),
+        "  accelerometers:",
+        *_yaml_matrix("M", one.accelerometer, "    "),
+        "  gyroscopes:",
+        *_yaml_matrix("M", one.gyro, "    "),
+        *_yaml_matrix("A", written(one.sensitivity @ one.gyro_turn.T, 12), "    "),
+        *_yaml_matrix("C_gyro_i", one.gyro_turn, "    "),
+    ]
+    return _rendering(
+        request,
+        one,
+        with_comments("\n".join(lines) + "\n"),
         (
             "y = M f + b; y_g = M_g C_gyro_i w + A C_gyro_i f + b_g (predicted readings)",
             "corrected: f = M^-1 (y - b); w = C_gyro_i^T M_g^-1 (y_g - b_g - A C_gyro_i f)",
         ),
-        remarks=(
-            turn_remark(one),
-            "Kalibr itself starts from M = I: this file is for programs that read its result",
-        ),
-        correct_with_bias=correction(one, written(acc.bias), written(gyro.bias)),
+        "Kalibr itself starts from M = I: this file is for programs that read its result",
     )
 
 
-def correction(one: TriangularModel, bias: Array, gyro_bias: Array):
-    """Return the correction in the frame of the calibration, by the matrices of the file."""
-    back = np.linalg.inv(one.accelerometer)
-    back_g = one.gyro_turn.T @ np.linalg.inv(one.gyro)
+def _render_openvins(request: Request) -> Rendering:
+    one = _triangular_model(request.model, "openvins")
+    lines = [
+        *_head_lines(request, "openvins", '"kalibr"'),
+        *_yaml_matrix("Tw", one.gyro, "  "),
+        *_yaml_matrix("R_IMUtoGYRO", one.gyro_turn, "  "),
+        *_yaml_matrix("Ta", one.accelerometer, "  "),
+        *_yaml_matrix("R_IMUtoACC", np.eye(3), "  ", 1),
+        *_yaml_matrix("Tg", one.sensitivity, "  "),
+    ]
 
-    def correct(readings: Array, dT: Array) -> Array:
-        f = (readings[:, :3] - bias) @ back.T
-        w = (readings[:, 3:] - gyro_bias - f @ one.sensitivity.T) @ back_g.T
-        return np.concatenate([f @ one.turn, w @ one.turn], axis=-1)
+    def write(header: Sequence[str]) -> str:
+        return "%YAML:1.0\n" + comments(header, "#") + "\n" + "\n".join(lines) + "\n"
 
-    return correct
+    return _rendering(
+        request,
+        one,
+        write,
+        ("f = Ta^-1 (y - b); w = R_IMUtoGYRO^T Tw^-1 (y_g - b_g - Tg f)",),
+        "to keep these numbers set calib_imu_intrinsics and calib_imu_g_sensitivity to false "
+        "in estimator_config.yaml; biases are estimated while it runs",
+    )
 
 
-TARGET = Target(
+def _rendering(
+    request: Request,
+    one: _TriangularModel,
+    write: Callable[[Sequence[str]], str],
+    formula: tuple[str, ...],
+    remark: str,
+) -> Rendering:
+    rows = "; ".join(row_text(row, 12) for row in one.turn)
+    acc, gyro = (triad for _, triad in request.model.triads)
+    return Rendering(
+        one.correction(np.zeros(3), np.zeros(3)),
+        write,
+        formula,
+        remarks=(
+            "frame of this file: f_file = Q f_calibration, w_file = Q w_calibration, with Q = "
+            f"[{rows}]",
+            remark,
+        ),
+        correct_with_bias=one.correction(written(acc.bias), written(gyro.bias)),
+    )
+
+
+def _head_lines(request: Request, target: str, model: str) -> list[str]:
+    """Return the lines that files of both programs begin with."""
+    noise = _noise_lines(request.options, target)
+    return [
+        "imu0:",
+        *(f"  {line}" for line in noise),
+        f"  model: {model}",
+        *_yaml_matrix("T_i_b", np.eye(4), "  ", 1),
+    ]
+
+
+def _yaml_matrix(name: str, matrix: Array, indent: str, digits: int = 12) -> list[str]:
+    """Return a matrix as YAML, a flow list a row."""
+    rows = [f"{indent}- [{yaml_row(row, digits)}]" for row in matrix]
+    return [f"{indent}{name}:", *rows]
+
+
+def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
+    """Return the lines `key: number` of the noise."""
+    known: dict[str, float] = {}
+    if options["noise"] is not None:
+        path = Path(options["noise"])
+        text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
+        for name in _KEYS:
+            # One number per line: PyYAML, an extra, is not needed.
+            if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
+                known[name] = _number(found[1], name, path)
+    known |= {name: options[name] for name in _KEYS if options[name] is not None}
+    missing = [name for name in _KEYS if name not in known]
+    if missing:
+        raise InputError(
+            f"target {target} needs the noise of the IMU, which no calibration holds: "
+            + ", ".join(f"--set {name}=… ({_KEYS[name]})" for name in missing)
+            + ", or --set noise=imu.yaml of a noise analysis",
+            key="--set",
+            names=tuple(missing),
+        )
+    wrong = [name for name, value in known.items() if not value > 0]
+    if wrong:
+        raise InputError(
+            f"target {target}: {wrong[0]} is {known[wrong[0]]:g}; give a number above 0",
+            key="--set",
+            names=tuple(wrong),
+        )
+    return [f"{name}: {yaml_number(known[name])}" for name in _KEYS] + [
+        f"rostopic: {options['rostopic']}",
+        "time_offset: 0.0",
+    ]
+
+
+def _number(text: str, name: str, path: Path) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{path}: {name}: {text} is no number", file=path, key=name) from None
+
+
+def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+    with require_extra("kalibr", "files of Kalibr need PyYAML", ("yaml",)):
+        yaml: Any = import_module("yaml")
+    try:
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"no YAML that can be read: {error}") from None
+    name = options["imu"]
+    one = _section(content, name)
+    if one is None:
+        raise InputError(
+            f"no IMU {name!r}: give a result of Kalibr, or --set imu=… with another name",
+            names=(name,),
+        )
+    force, rate = _section(one, "accelerometers"), _section(one, "gyroscopes")
+    if force is None or rate is None:
+        raise InputError(
+            f"{name} is of model {one.get('model')!r}, without intrinsics: calibrate with Kalibr's "
+            "model scale-misalignment"
+        )
+    matrix, gyro = _matrix(force, "M"), _matrix(rate, "M")
+    turn = _matrix(rate, "C_gyro_i")
+    return StatedCalibration(
+        StatedTriad(matrix=matrix),
+        StatedTriad(matrix=gyro @ turn, sensitivity=_matrix(rate, "A") @ turn),
+        frame="triangular",
+        notes=("Kalibr states no biases",),
+    )
+
+
+def _section(content: Any, name: str) -> dict[str, Any] | None:
+    """Return a map within a map; None where there is none."""
+    found = cast("dict[str, Any]", content).get(name) if isinstance(content, dict) else None
+    return cast("dict[str, Any]", found) if isinstance(found, dict) else None
+
+
+def _matrix(content: Mapping[str, Any], name: str) -> Array:
+    found = content.get(name)
+    rows = cast("list[Any]", found) if isinstance(found, list) else []
+    # Checked before numpy sees it: by aliases a small file can describe a huge array.
+    numbers = [
+        float(x)
+        for row in rows[:4]
+        if isinstance(row, list)
+        for x in cast("list[Any]", row)[:4]
+        if isinstance(x, int | float)
+    ]
+    if len(rows) != 3 or len(numbers) != 9 or not np.isfinite(numbers).all():
+        raise InputError(f"{name} must be 3 × 3 finite numbers", names=(name,))
+    return np.array(numbers).reshape(3, 3)
+
+
+KALIBR = Target(
     "kalibr",
     "Kalibr imu.yaml, model scale-misalignment",
     ".yaml",
-    HOLDS,
-    _render,
-    NOISE_OPTIONS,
+    _HOLDS,
+    _render_kalibr,
+    _OPTIONS,
+)
+OPENVINS = Target(
+    "openvins",
+    "OpenVINS kalibr_imu_chain.yaml, model kalibr",
+    ".yaml",
+    _HOLDS,
+    _render_openvins,
+    _OPTIONS,
+)
+READER = CalibrationReader(
+    "kalibr",
+    "Kalibr imu.yaml",
+    _read,
+    (TargetOption("imu", "which IMU of the file", "imu0", kind=str),),
 )

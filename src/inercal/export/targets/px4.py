@@ -5,38 +5,48 @@
     thermal         X1 Δ + X2 Δ² + X3 Δ³ + X0,  Δ = T − TREF, T within TMIN … TMAX
 
 with OFF the bias, SCALE = 1/M_ii. Source: the classes of src/lib/sensor_calibration and
-src/modules/temperature_compensation of PX4-Autopilot (BSD-3), described in words.
+src/modules/temperature_compensation of PX4-Autopilot (BSD-3), described in words. The reader takes
+the parameters as QGroundControl saves them; X0 adds to the bias.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.export.model import Triad
 from inercal.export.ranges import temperature_limits
+from inercal.export.reader_definition import (
+    CalibrationReader,
+    StatedCalibration,
+    StatedTriad,
+    parameter_calibration,
+)
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import (
     PARAMETERS,
     Correction,
     by_triad,
-    comments,
     needed,
     number,
+    parameter_correction,
     require_aligned,
     single,
+    with_comments,
 )
 
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
 _NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G")}
 _ORDERS = 3
+_FIELDS = 5  # vehicle, component, name, value, type
+_SETS = 4  # of thermal parameters
+_INSTANCE = TargetOption("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int)
 
 OPTIONS = (
     TargetOption("acc_id", "device id of the accelerometer, CAL_ACCn_ID of this board", kind=int),
     TargetOption("gyro_id", "device id of the gyro, CAL_GYROn_ID of this board", kind=int),
-    TargetOption("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int),
+    _INSTANCE,
     TargetOption("priority", "CAL_ACCn_PRIO", 50, kind=int),
     TargetOption("rotation", "CAL_ACCn_ROT; -1 for a sensor on the board", -1, kind=int),
     TargetOption("lowest", "TC_An_TMIN, where temperature is corrected, degC"),
@@ -80,15 +90,19 @@ def _render(request: Request) -> Rendering:
             ]
             ends = (("TREF", reference), ("TMIN", limits[0]), ("TMAX", limits[1]))
             lines += [(thermal + name, value, _REAL) for name, value in ends]
-        corrections[kind] = _Correction(triad, scale, powers, reference, limits)
-
-    def write(header: Sequence[str]) -> str:
-        body = "".join(
-            f"1\t1\t{name}\t{number(value) if sort == _REAL else int(value)}\t{sort}\n"
-            for name, value, sort in lines
+        corrections[kind] = parameter_correction(
+            single(triad.bias),
+            single(scale),
+            single(powers),
+            reference,
+            limits,
+            reference=reference,
+            centre=reference,
         )
-        return comments(header, "#") + "#\n# Vehicle\tComponent\tName\tValue\tType\n" + body
-
+    body = "#\n# Vehicle\tComponent\tName\tValue\tType\n" + "".join(
+        f"1\t1\t{name}\t{number(value) if sort == _REAL else int(value)}\t{sort}\n"
+        for name, value, sort in lines
+    )
     formula = ["accelerometer: f = SCALE * (raw - thermal - OFF); gyro: w = raw - thermal - OFF"]
     if np.isfinite(limits[0]):
         formula.append(
@@ -96,7 +110,7 @@ def _render(request: Request) -> Rendering:
         )
     return Rendering(
         by_triad(model, corrections),
-        write,
+        with_comments(body),
         tuple(formula),
         "readings of the driver in m/s^2 and rad/s, axes of the sensor before the board's rotation",
         (
@@ -106,26 +120,65 @@ def _render(request: Request) -> Rendering:
     )
 
 
-class _Correction:
-    """The correction of a triad, with parameters in single precision."""
-
-    def __init__(
-        self,
-        triad: Triad,
-        scale: Array,
-        powers: Array,
-        reference: float,
-        limits: tuple[float, float],
-    ) -> None:
-        self.bias, self.scale, self.powers = single(triad.bias), single(scale), single(powers)
-        self.reference, self.limits = reference, limits
-
-    def __call__(self, y: Array, dT: Array) -> Array:
-        delta = np.clip(dT + self.reference, *self.limits)[:, None] - self.reference
-        thermal = sum(
-            (delta**k * line for k, line in enumerate(self.powers, start=1)), np.zeros((1, 3))
+def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+    known = _parameters(text)
+    n = options["instance"]
+    triads: dict[str, StatedTriad] = {}
+    references: set[float] = set()
+    for kind, (word, letter) in _NAMES.items():
+        stem = f"CAL_{word}{n}_"
+        if f"{stem}XOFF" not in known:
+            continue
+        bias = np.array([known.get(f"{stem}{a}OFF", 0.0) for a in "XYZ"])
+        scale = np.array([known.get(f"{stem}{a}SCALE", 1.0) for a in "XYZ"])
+        if (scale == 0).any():
+            raise InputError(f"{stem}XSCALE … ZSCALE have a 0; they must be near 1")
+        powers = np.zeros((0, 3))
+        if (thermal := _thermal_set(known, letter, known.get(f"{stem}ID"))) is not None:
+            table = np.array(
+                [
+                    [known.get(f"{thermal}X{k}_{a}", 0.0) for a in range(3)]
+                    for k in range(_ORDERS + 1)
+                ]
+            )
+            bias, powers = bias + table[0], table[1:]
+            references.add(known.get(f"{thermal}TREF", 25.0) + ZERO_CELSIUS)
+        triads[kind] = StatedTriad(
+            scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
-        return self.scale * (y - thermal - self.bias)
+    if not triads:
+        raise InputError(
+            f"no parameters CAL_ACC{n}_XOFF or CAL_GYRO{n}_XOFF: give parameters of PX4, or "
+            "another --set instance=…"
+        )
+    return parameter_calibration("PX4", triads, references, "TREF")
+
+
+def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:
+    """Return the stem of the thermal parameters of a device that are in force."""
+    if device is None or known.get(f"TC_{letter}_ENABLE") != 1:
+        return None
+    stems = [f"TC_{letter}{m}_" for m in range(_SETS)]
+    return next((stem for stem in stems if known.get(f"{stem}ID") == device), None)
+
+
+def _parameters(text: str) -> dict[str, float]:
+    known: dict[str, float] = {}
+    for place, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            if len(words) != _FIELDS:
+                raise ValueError
+            known[words[2]] = float(words[3])
+        except ValueError:
+            raise InputError(
+                f"line {place} has not the five fields of QGroundControl's parameters: vehicle, "
+                "component, name, value, type",
+                line=place,
+            ) from None
+    return known
 
 
 TARGET = Target(
@@ -137,3 +190,4 @@ TARGET = Target(
     OPTIONS,
     temperature_order=_ORDERS,
 )
+READER = CalibrationReader("px4", "PX4 parameter", _read, (_INSTANCE,))

@@ -63,6 +63,11 @@ def comments(lines: Sequence[str], mark: str) -> str:
     return "".join(f"{mark} {line}\n" for line in lines)
 
 
+def with_comments(body: str) -> Callable[[Sequence[str]], str]:
+    """Return what writes a body below the explanation, in lines that begin with #."""
+    return lambda header: comments(header, "#") + body
+
+
 def needed(
     options: Mapping[str, Any], declared: Sequence[TargetOption], name: str, target: str
 ) -> Any:
@@ -123,6 +128,45 @@ def by_triad(model: ExportModel, corrections: Mapping[str, Correction]) -> Corre
 def matrix_correction(matrix: Array, bias: Array) -> Correction:
     """Return x = C (y − b)."""
     return lambda y, dT: (y - bias) @ matrix.T
+
+
+def parameter_correction(
+    bias: Array,
+    scale: Array,
+    powers: Array,
+    taken: float,
+    limits: tuple[float, float],
+    *,
+    reference: float,
+    centre: float,
+) -> Correction:
+    """Return x = scale ∘ (y − [P(T) − P(taken)] − b), as flight controllers compute it.
+
+    Parameters
+    ----------
+    bias, scale : (3,) arrays
+    powers : (k, 3) array
+        Coefficients of P in powers of T − centre.
+    taken : float
+        Temperature of the bias, °C.
+    limits : (float, float)
+        °C, between which T is clipped.
+    reference, centre : float
+        Reference temperature of the sensor and centre of P, °C.
+    """
+
+    def polynomial(t: Array) -> Array:
+        return sum(
+            (t[:, None] ** k * line for k, line in enumerate(powers, start=1)),
+            np.zeros((t.size, 3)),
+        )
+
+    def correct(y: Array, dT: Array) -> Array:
+        t = np.clip(dT + reference, *limits) - centre
+        thermal = polynomial(t) - polynomial(np.array([taken - centre]))
+        return scale * (y - thermal - bias)
+
+    return correct
 
 
 def output_text(*triads: Triad) -> str:

@@ -1,7 +1,6 @@
 """CSV: the correction C (output − offset), and every coefficient with its uncertainty in SI."""
 
 import csv
-from collections.abc import Sequence
 from io import StringIO
 
 from inercal.basics.visible_text import spreadsheet_cell
@@ -9,9 +8,9 @@ from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.shared import (
     MATRIX,
     MATRIX_AND_G,
-    comments,
     number,
     output_text,
+    with_comments,
     written,
 )
 from inercal.physics.quantities import QUANTITIES
@@ -29,29 +28,25 @@ def _render(request: Request) -> Rendering:
     motions = [kind + axis for kind, _ in model.triads for axis in "xyz"]
     rows = [row for _, triad in model.triads for row in triad.rows]
     channels = [spreadsheet_cell(model.sensor.channels[row]) for row in rows]
-
-    def write(header: Sequence[str]) -> str:
-        text = StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(("quantity", "row", "column", "value", "std", "unit"))
-        for i, to in enumerate(motions):
-            for j, name in enumerate(channels):
-                unit = f"({units[i]})/({outputs[j]})"
-                table.writerow(("C", to, name, number(matrix[i, j], _DIGITS), "", unit))
-        for name, value, unit in zip(channels, offset, outputs, strict=True):
-            table.writerow(("offset", name, "", number(value, _DIGITS), "", unit))
-        calibration = model.calibration
-        for full, value, std in zip(
-            model.sensor.coefficients, calibration.values, calibration.std, strict=True
-        ):
-            unit = SI_UNITS[model.sensor.coefficient(full).unit]
-            row = (number(value, _DIGITS), number(std, 6), unit)
-            table.writerow(("coefficient", spreadsheet_cell(full), "", *row))
-        return comments(header, "#") + text.getvalue()
-
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(("quantity", "row", "column", "value", "std", "unit"))
+    for i, to in enumerate(motions):
+        for j, name in enumerate(channels):
+            unit = f"({units[i]})/({outputs[j]})"
+            table.writerow(("C", to, name, number(matrix[i, j], _DIGITS), "", unit))
+    for name, value, unit in zip(channels, offset, outputs, strict=True):
+        table.writerow(("offset", name, "", number(value, _DIGITS), "", unit))
+    calibration = model.calibration
+    for full, value, std in zip(
+        model.sensor.coefficients, calibration.values, calibration.std, strict=True
+    ):
+        unit = SI_UNITS[model.sensor.coefficient(full).unit]
+        row = (number(value, _DIGITS), number(std, 6), unit)
+        table.writerow(("coefficient", spreadsheet_cell(full), "", *row))
     return Rendering(
         lambda y, dT: (model.outputs(y) - offset) @ matrix.T,
-        write,
+        with_comments(text.getvalue()),
         ("motion = C (output - offset)",),
         output_text(*(triad for _, triad in model.triads)),
         ("coefficients are those of the calibration in its own axes, u with k = 1, in SI",),

@@ -6,7 +6,6 @@ with C = M⁻¹ and B = b, on top of the factory's calibration, in single precis
 user manual UM001 v2, 6.2.2. The check of a message is the XOR of the characters between $ and *.
 """
 
-from collections.abc import Sequence
 from functools import reduce
 
 from inercal.export.target_definition import Rendering, Request, Target
@@ -14,10 +13,10 @@ from inercal.export.targets.shared import (
     MATRIX,
     Correction,
     by_triad,
-    comments,
     matrix_correction,
     number,
     single,
+    with_comments,
 )
 
 REGISTERS = {"f": 25, "w": 84}
@@ -42,12 +41,9 @@ def _render(request: Request) -> Rendering:
         lines.append(message(f"VNWRG,{REGISTERS[kind]},{values}"))
         corrections[kind] = matrix_correction(matrix, bias)
 
-    def write(header: Sequence[str]) -> str:
-        return comments(header, "#") + "\n".join([*lines, message("VNWNV")]) + "\n"
-
     return Rendering(
         by_triad(model, corrections),
-        write,
+        with_comments("\n".join([*lines, message("VNWNV")]) + "\n"),
         ("out = C (in - B), C row by row, then B: register 25 of force, 84 of rate",),
         "readings that both registers leave as they are (C = I, B = 0), in m/s^2 and rad/s",
         ("send the lines that begin with $; VNWNV stores them in the device",),

@@ -25,13 +25,17 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
-from inercal.host.assembly.interruption_list import InterruptionList, InterruptionSpan
 from inercal.host.assembly.rate_polls import RatePolls
-from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
+from inercal.host.assembly.section_timeline import (
+    InterruptionList,
+    InterruptionSpan,
+    SectionSpan,
+    SectionTimeline,
+)
 from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
-from inercal.host.tasks import host_plan
+from inercal.host.tasks import host_plan, required_rate
 from inercal.recordings import AngleQuality, Track
 from inercal.recordings.data.recording_loader import readback_units
 from inercal.runfile import Run
@@ -139,6 +143,14 @@ class SampleAssembler:
     poll : float
         s between polls of the table.
 
+    Attributes
+    ----------
+    sensor : Sensor
+    imu : ReceivedSamples
+        The IMU's packets.
+    table : TablePolls or RatePolls
+        The table's polls.
+
     Raises
     ------
     InputError
@@ -149,15 +161,9 @@ class SampleAssembler:
     def __init__(self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL):
         plan = host_plan(run)
         control, bench = plan.kind, plan.bench
-        if run.rate_hz is None:
-            raise InputError(
-                f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
-                file=run.path,
-                key="[data] rate",
-            )
         self.sensor = run.sensor
-        self._imu = ReceivedSamples(run.sensor, layout, run.rate_hz)
-        self._table = (
+        self.imu = ReceivedSamples(run.sensor, layout, required_rate(run))
+        self.table = (
             TablePolls(poll, require_turntable(run)) if control.has_attitude else RatePolls(bench)
         )
         self._settling = control.settling(bench)
@@ -180,7 +186,7 @@ class SampleAssembler:
     @property
     def tally(self) -> SampleTally:
         """What became of all that was worked through."""
-        imu, table = self._imu, self._table
+        imu, table = self.imu, self.table
         return SampleTally(
             self._count, imu.counts, replace(imu.drops), self._no_angle, self._unusable,
             table.count, table.drops, table.implausible,
@@ -194,19 +200,9 @@ class SampleAssembler:
     @property
     def offset(self) -> float | None:
         """The IMU's clock minus the table's, s, as arrival has it; None while it is not known."""
-        if self._imu.offset is None or self._table.offset is None:
+        if self.imu.offset is None or self.table.offset is None:
             return None
-        return self._table.offset - self._imu.offset
-
-    @property
-    def imu_mismatch(self) -> str | None:
-        """Why the packets that come cannot be dated, in words; None while they can."""
-        return self._imu.mismatch
-
-    @property
-    def waits_for_dates(self) -> bool:
-        """The IMU's packets cannot be dated, or not yet."""
-        return self._imu.waits_for_dates
+        return self.table.offset - self.imu.offset
 
     @property
     def is_recording(self) -> bool:
@@ -214,16 +210,11 @@ class SampleAssembler:
         return self.offset is not None and self._sections.start < np.inf
 
     @property
-    def last_reading_time(self) -> float:
-        """Time of the table's last reading, s by the table's clock; −∞ before the first."""
-        return self._table.last
-
-    @property
     def recording_start(self) -> float | None:
         """Time of the recording's first sample, s of the run; None before there is one."""
-        if self._first_tick is None or self._imu.offset is None:
+        if self._first_tick is None or self.imu.offset is None:
             return None
-        return self._first_tick / self._imu.per_second + self._imu.offset
+        return self._first_tick / self.imu.per_second + self.imu.offset
 
     def take_received(self) -> tuple[Array, Array] | None:
         """Return what the IMU has sent since the last call, whether or not the table is known.
@@ -236,12 +227,12 @@ class SampleAssembler:
         output : (n, m) array
             In output units of the sensor's axes.
         """
-        recent, offset = self._imu.recent, self._imu.provisional_offset
+        recent, offset = self.imu.recent, self.imu.provisional_offset
         if not recent or offset is None:
             return None
         whole = PacketSamples._make(map(np.concatenate, zip(*recent, strict=True)))
         recent.clear()
-        return whole.ticks / self._imu.per_second + offset, whole.output
+        return whole.ticks / self.imu.per_second + offset, whole.output
 
     def feed(self, frame: LogFrame) -> None:
         """Put a frame to those to be worked through."""
@@ -261,9 +252,9 @@ class SampleAssembler:
             if kind != EVENT:
                 self._interruptions.hear(max(frame.time for frame in frames))
             if kind == IMU:
-                self._imu.feed(frames)
+                self.imu.feed(frames)
             elif kind == TABLE:
-                self._table.feed(frames)
+                self.table.feed(frames)
             else:
                 for frame in frames:
                     self._process_event(frame)
@@ -280,14 +271,14 @@ class SampleAssembler:
         event = _parse_event(frame)
         self._interruptions.add_event(frame.time, event)
         if event.get("cause") is not None:
-            self._table.expect_stop()
+            self.table.expect_stop()
         if event.get("what") == "section":
-            self._sections.add_event(event, self._table.wrap_offset)
+            self._sections.add_event(event, self.table.wrap_offset)
         elif event.get("what") == "session":
-            self._sections.begin_session(int(event.get("next", 0)), self._table.last)
-            self._imu.begin_session()
+            self._sections.begin_session(int(event.get("next", 0)), self.table.last)
+            self.imu.begin_session()
             wraps = event.get("wraps")
-            self._table.begin_session(np.inf if wraps is None else float(wraps))
+            self.table.begin_session(np.inf if wraps is None else float(wraps))
 
     def _start_recording(self) -> None:
         """Begin a recording."""
@@ -296,19 +287,19 @@ class SampleAssembler:
         self._last_hold_sample = (-1, -np.inf)  # section and time of the last sample in a hold
 
     def _block(self) -> SampleBlock | None:
-        offset, imu = self.offset, self._imu
+        offset, imu = self.offset, self.imu
         if offset is None:
             return None
         if self._sections.attempt != self._attempt:
             self._attempt = self._sections.attempt
             self._start_recording()
-        samples = self._ready_samples(self._table.complete_until - self._settling, offset)
+        samples = self._ready_samples(self.table.complete_until - self._settling, offset)
         if samples is None:
             return None
         table = samples.ticks / imu.per_second - offset
         late = table >= self._sections.start
-        angles, quality, there = self._table.readback(table)
-        self._table.discard_old(float(table[-1]))
+        angles, quality, there = self.table.readback(table)
+        self.table.discard_old(float(table[-1]))
         if not self._records_angles:  # a sample counts whether or not the table was read
             angles[~there], there = np.nan, np.ones_like(there)
         self._no_angle += int(np.sum(late & ~there))
@@ -341,7 +332,7 @@ class SampleAssembler:
 
     def _ready_samples(self, until: float, offset: float) -> PacketSamples | None:
         """Return the samples of before a time of the table; those behind wait on."""
-        waiting, imu = self._imu.waiting, self._imu
+        waiting, imu = self.imu.waiting, self.imu
         if not waiting:
             return None
         whole = PacketSamples._make(map(np.concatenate, zip(*waiting, strict=True)))

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf, isfinite
 from typing import NamedTuple
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.host.assembly.clock_matching import MATCHING_TIME
 from inercal.host.assembly.packet_dating import PacketDating, PacketRows
+from inercal.host.assembly.poll_record import MATCHING_TIME
 from inercal.host.packets import Decoder, Flag, PacketCounts, PacketLayout, Packets
 from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import LogFrame
@@ -151,9 +151,7 @@ class ReceivedSamples:
     @property
     def counts(self) -> PacketCounts:
         """What became of the bytes of all sessions."""
-        now = self._decoder.counts
-        both = ((one.name, getattr(self._before, one.name)) for one in fields(PacketCounts))
-        return PacketCounts(**{name: before + getattr(now, name) for name, before in both})
+        return self._before + self._decoder.counts
 
     @property
     def provisional_offset(self) -> float | None:

@@ -2,6 +2,8 @@
 
 What of a poll is kept, which polls are no motion of the table, and what is known between two polls
 differs between tables of angles (`table_polls`) and of rates (`rate_polls`).
+
+The clocks are tied at the start, and after an outage by `wrap_correction`.
 """
 
 from abc import ABC, abstractmethod
@@ -13,11 +15,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.host.assembly.clock_matching import MATCHING_TIME, wrap_correction
-from inercal.host.assembly.plausibility import Plausibility
+from inercal.basics.errors import InputError
+from inercal.host.assembly.reading_plausibility import Plausibility
 from inercal.host.run_log import LogFrame
 from inercal.host.table_state_codec import StateArrays, unpack_states
 from inercal.recordings import AngleQuality
+
+CLOCK_LOST = frozenset({"the table"})  # names of the refusal: a new run is needed
+MATCHING_TIME = 5.0  # s in which the least difference of two clocks is looked for
+_ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and of an outage: what arrival may be off by
+# Uncertainty of an arrival, s: turns of a clock are distinguished where half a turn is more
+_ARRIVAL_UNCERTAINTY = 0.1
+
+
+def wrap_correction(behind: float, wraps: float, outage: float) -> float:
+    """Return what to add to the clock of a table that may have begun again, s.
+
+    Parameters
+    ----------
+    behind : float
+        By the host's clock its time should be later by so much, s.
+    wraps : float
+        s after which it begins again; infinite: never.
+    outage : float
+        s for which nothing was heard of it.
+
+    Raises
+    ------
+    InputError
+        It was set anew, or may have gone round any number of times.
+    """
+    drift = _DRIFT * abs(outage)
+    added = 0.0
+    if isfinite(wraps):
+        added = wraps * round(behind / wraps)
+        if wraps / 2 < _ARRIVAL_UNCERTAINTY + drift:
+            raise InputError(
+                f"the table sent nothing for {outage:.3g} s, and its clock starts again every "
+                f"{wraps:.3g} s: its clock can no longer be matched to that of the bench; begin a "
+                "new run",
+                names=tuple(CLOCK_LOST),
+            )
+    if abs(behind - added) > _ARRIVAL_TOLERANCE + drift:
+        raise InputError(
+            "the table has reset its clock: it can no longer be matched to the IMU's clock; begin "
+            "a new run",
+            names=tuple(CLOCK_LOST),
+        )
+    return added
+
 
 # s without a poll after which nothing is known: the table may have gone anywhere. A table is taken
 # to stand through as much that stood on both sides.

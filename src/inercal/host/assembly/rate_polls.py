@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.motion_control import AxisMotionLimits, ControlledBench
-from inercal.host.assembly.plausibility import Plausibility
 from inercal.host.assembly.poll_record import MAX_UNREAD, PollRecord
+from inercal.host.assembly.reading_plausibility import Plausibility
 from inercal.host.drivers.rotary_table import TableState
 from inercal.host.table_state_codec import StateArrays
 from inercal.recordings import AngleQuality

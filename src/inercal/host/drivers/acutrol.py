@@ -12,16 +12,15 @@ Position mode brings a demand from before: each is set before its mode is.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import degrees, inf, nan, radians
+from math import degrees, nan, radians
 
-from inercal.host.closeable import Closeable
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
-    Feature,
     ProtocolError,
+    RotaryTable,
     TableFault,
     TableState,
     axis_index,
@@ -48,7 +47,7 @@ class AcutrolAxis:
     number: int
 
 
-class Acutrol(Closeable):
+class Acutrol(RotaryTable):
     """A `RotaryTable` on the ACUTROL3000 at `address`.
 
     Parameters
@@ -72,8 +71,7 @@ class Acutrol(Closeable):
     ):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
-        self.unsupported: Mapping[Feature, str] = {"home": _NO_HOMING}
-        self.wrap_period = inf  # it tells no time
+        self.unsupported = {"home": _NO_HOMING}
         require_unique_names(self.axes)
         # What each axis was last told: an angle, or a rate.
         self._goals = [(nan, 0.0)] * len(self._axes)

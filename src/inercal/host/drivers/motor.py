@@ -9,15 +9,14 @@ its own, `TableState.time` is NaN, and has no command that takes its power off.
 """
 
 import re
-from collections.abc import Callable, Mapping
-from math import degrees, inf, nan, radians
+from collections.abc import Callable
+from math import degrees, nan, radians
 
-from inercal.host.closeable import Closeable
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
-    Feature,
     ProtocolError,
+    RotaryTable,
     TableFault,
     TableState,
     axis_index,
@@ -35,7 +34,7 @@ _NO_SERVO_OFF = (
 _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
 
 
-class Motor(Closeable):
+class Motor(RotaryTable):
     """A `RotaryTable` of one axis on such a controller at `address`.
 
     Parameters
@@ -61,8 +60,7 @@ class Motor(Closeable):
         opener: Callable[[str], Link] = open_link,
     ):
         self.limits, self.axes = (limits,), (axis,)
-        self.unsupported: Mapping[Feature, str] = {"servo": _NO_SERVO_OFF}
-        self.wrap_period = inf  # it tells no time
+        self.unsupported = {"servo": _NO_SERVO_OFF}
         self._goal, self._spinning, self._homing, self._homed = nan, 0.0, False, False
         self._dialogue = TextDialogue(address, b">", timeout, opener)
 
@@ -127,8 +125,7 @@ class Motor(Closeable):
         if said.startswith("?"):
             raise TableFault(
                 f"{self._dialogue.address}: the motor controller refused {line!r}: it replied "
-                f"{said!r}; "
-                "look the code up in the manual of the drive"
+                f"{said!r}; look the code up in the manual of the drive"
             )
         return said
 
@@ -137,7 +134,6 @@ class Motor(Closeable):
         if not _NUMBER.fullmatch(said):
             raise ProtocolError(
                 f"{self._dialogue.address}: the motor controller replied {said[:40]!r} to "
-                f"{line!r}, where "
-                "a number was expected; check the baud rate and the drive"
+                f"{line!r}, where a number was expected; check the baud rate and the drive"
             )
         return float(said)

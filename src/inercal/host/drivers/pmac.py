@@ -7,11 +7,11 @@ Ixx28 in 1/16 count. One count is 2π/counts_per_turn rad.
 **Time.** X:$0 counts servo cycles in 24 bits (the manual's suggested M100); one cycle is
 I10/8388608 ms. A reading asks for it first and last in the one line that asks for positions: the
 same number twice says that all belong to that cycle; otherwise `TableState.span` says how much
-passed. It wraps after 2 h at 2.26 kHz (`Pmac.wraps`), which readings count on: a table must be read
-more often than that for its time to be right. Nothing checks the digits on the line, and one that
-is wrong must not count a turn: where both numbers are further apart than a reply may take, or the
-first goes back by no more than that, it is not a reading. What goes back further, in both,
-began anew.
+passed. It wraps after 2 h at 2.26 kHz (`Pmac.wrap_period`), which readings count on: a table must
+be read more often than that for its time to be right. Nothing checks the digits on the line, and
+one that is wrong must not count a turn: where both numbers are further apart than a reply may
+take, or the first goes back by no more than that, it is not a reading. What goes back further, in
+both, began anew.
 
 **Limits.** Rates are held to Ixx16 and accelerations to Ixx17, which nothing here writes: Ixx19 and
 Ixx22, those of jogs, are what a motion is commanded by, and would hold the next one back. Soft
@@ -20,21 +20,20 @@ limits are Ixx13 and Ixx14 (0: none).
 Source: Delta Tau, Turbo PMAC Software Reference Manual.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, tau
 
 from inercal.basics.errors import InputError
-from inercal.host.closeable import Closeable
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
-    Feature,
     ProtocolError,
+    RotaryTable,
     TableFault,
     TableState,
     axis_index,
@@ -59,7 +58,7 @@ class PmacAxis:
     counts_per_turn: float
 
 
-class Pmac(Closeable):
+class Pmac(RotaryTable):
     """A `RotaryTable` on the Turbo PMAC at `address`.
 
     Parameters
@@ -90,14 +89,13 @@ class Pmac(Closeable):
     ):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
-        self.unsupported: Mapping[Feature, str] = {}
+        self.unsupported = {}
         require_unique_names(self.axes)
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
                 raise InputError(
                     f"axis {axis.name}: the motor number must be 1 to 32, is {axis.motor}, and "
-                    "the counts "
-                    f"per turn finite and not 0, are {axis.counts_per_turn:g}",
+                    f"the counts per turn finite and not 0, are {axis.counts_per_turn:g}",
                     names=(axis.name,),
                 )
         motors = [a.motor for a in self._axes]

@@ -18,12 +18,15 @@ from inercal.basics.errors import InputError
 from inercal.host.drivers.rotary_table import ProtocolError, TableFault
 
 CHUNK_SIZE = 1400  # bytes that the controller sends at a time
-FLUSH_ANSWER = b"@"  # its answer to FLUSH
+FLUSH_ANSWER = b"@"  # its answer to `FLUSH_REQUEST`
 _MAX_REPLY_SIZE = 1 << 20  # bytes; no reply of a table comes near
 _MAX_LINE_SIZE = 1492  # bytes of a command line that a packet can carry
 
 _DOWNLOAD, _UPLOAD = 0x40, 0xC0
 _FLUSH, _GETRESPONSE, _CONTROL, _GETBUFFER = 0xB3, 0xBF, 0xC4, 0xC5
+# Requests for the next 1400 bytes of a reply, and to forget what is not yet sent.
+BUFFER_REQUEST = pack(">BBHHH", _UPLOAD, _GETBUFFER, 0, 0, CHUNK_SIZE)
+FLUSH_REQUEST = pack(">BBHHH", _DOWNLOAD, _FLUSH, 0, 0, 0)
 _ACK = b"\x06"
 _END = re.compile(rb"[\x06\x07]")  # ACK, or BELL before an error
 _JUNK = re.compile(rb"[^\x20-\x7e\r\n]")
@@ -121,16 +124,6 @@ def response_request(line: str) -> bytes:
             key="line",
         )
     return pack(">BBHHH", _DOWNLOAD, _GETRESPONSE, 0, 0, len(data)) + data
-
-
-def buffer_request() -> bytes:
-    """Return the request for the next 1400 bytes of a reply."""
-    return pack(">BBHHH", _UPLOAD, _GETBUFFER, 0, 0, CHUNK_SIZE)
-
-
-def flush_request() -> bytes:
-    """Return the request to forget what is not yet sent; its answer is `FLUSH_ANSWER`."""
-    return pack(">BBHHH", _DOWNLOAD, _FLUSH, 0, 0, 0)
 
 
 def control_request(letter: str) -> bytes:

@@ -106,7 +106,7 @@ class PmacDialogue(Closeable):
             link.write(codec.control_request(letter))
             if not read_until(link, lambda _: True, STOP_TIMEOUT):
                 return False
-            link.write(codec.flush_request())
+            link.write(codec.FLUSH_REQUEST)
             if not read_until(link, lambda data: codec.FLUSH_ANSWER in data, STOP_TIMEOUT):
                 self.drop()
         except LinkLost:
@@ -118,7 +118,7 @@ class PmacDialogue(Closeable):
         """Close a connection on which replies may be under way; the next request opens another."""
         if self._link is not None:
             with suppress(LinkLost):
-                self._link.write(codec.flush_request())
+                self._link.write(codec.FLUSH_REQUEST)
         self.close()
 
     def close(self) -> None:
@@ -137,7 +137,7 @@ class PmacDialogue(Closeable):
             got = reader.feed(data)
             if got is None:
                 if reader.awaits_request:
-                    link.write(codec.buffer_request())
+                    link.write(codec.BUFFER_REQUEST)
                 return False
             lines.extend(got)
             return True
@@ -174,7 +174,7 @@ class PmacDialogue(Closeable):
             return codec.FLUSH_ANSWER in came
 
         try:
-            link.write(codec.flush_request())
+            link.write(codec.FLUSH_REQUEST)
             # A reply left over in the controller would come before the answer, and ends there.
             if not read_until(link, flushed, self._timeout) or not came.endswith(
                 codec.FLUSH_ANSWER

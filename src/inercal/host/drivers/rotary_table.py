@@ -5,12 +5,14 @@ as the controller counts. `TableState.time` is the controller's servo clock, nev
 30 °/s, 20 ms of jitter on the way are 0.6°.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import degrees, inf, isfinite, radians
-from typing import Literal, Protocol, Self
+from typing import Literal
 
 from inercal.basics.errors import InercalError, InputError
+from inercal.host.closeable import Closeable
 from inercal.host.link import LinkLost
 
 Feature = Literal["servo", "home"]  # what a controller may be unable to do on one axis
@@ -106,6 +108,11 @@ class AxisState:
         return self.in_position and not self.moving
 
     @property
+    def rests(self) -> bool:
+        """It neither turns nor is commanded to."""
+        return abs(self.rate) < REST_RATE and not self.moving
+
+    @property
     def status_text(self) -> str:
         """What it does, for an operator: its faults, else "off", "turns" or "holds"."""
         if self.faults:
@@ -121,7 +128,7 @@ class TableState:
     ----------
     time : float
         The controller's servo clock as it stands, s; NaN where it tells none. Where it starts again
-        (`RotaryTable.wraps`), it is counted on within one connection.
+        (`RotaryTable.wrap_period`), it is counted on within one connection.
     axes : tuple of AxisState
     span : float
         s that passed in the controller between the reading's first number and its last; 0 where all
@@ -133,76 +140,65 @@ class TableState:
     span: float = 0.0
 
 
-class RotaryTable(Protocol):
+class RotaryTable(Closeable, ABC):
     """A table of one or more axes. One object serves one thread; a stop path opens its own.
 
     Every method raises `LinkLost` where the controller is gone, `ProtocolError` where it cannot be
-    understood and `TableFault` where it refuses.
+    understood and `TableFault` where it refuses. To close it lets go of the controller; the table
+    goes on with what it does.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names, outer to inner.
+    limits : tuple of AxisLimits
+        As the controller is set.
+    wrap_period : float
+        After how many s the controller's clock starts again at 0; infinite where never.
+    unsupported : mapping of str to str
+        What the controller cannot do on one axis: "servo" off, "home", each with the reason.
     """
 
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names, outer to inner."""
-        ...
+    axes: tuple[str, ...]
+    limits: tuple[AxisLimits, ...]
+    wrap_period: float = inf
+    unsupported: Mapping[Feature, str]
 
-    @property
-    def limits(self) -> tuple[AxisLimits, ...]:
-        """As the controller is set."""
-        ...
-
-    @property
-    def wrap_period(self) -> float:
-        """After how many s the controller's clock starts again at 0; infinite where never."""
-        ...
-
-    @property
-    def unsupported(self) -> Mapping[Feature, str]:
-        """What the controller cannot do on one axis: "servo" off, "home", each with the reason."""
-        ...
-
+    @abstractmethod
     def identity(self) -> str:
         """Return what the controller says that it is; "" where it has no answer."""
-        ...
 
+    @abstractmethod
     def enable(self, axis: str | None = None) -> None:
         """Close the servo loop of an axis where it stands; without an axis, of all."""
-        ...
 
+    @abstractmethod
     def home(self, axis: str | None = None) -> None:
         """Start the search for zero on an axis, or on all; over when homed and settled."""
-        ...
 
+    @abstractmethod
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """Start toward `angle` (rad), at most at `rate` (rad/s) and `acceleration` (rad/s²)."""
-        ...
 
+    @abstractmethod
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
         """Bring an axis to `rate` (rad/s, signed) at `acceleration` (rad/s²), and keep it there."""
-        ...
 
+    @abstractmethod
     def stop(self) -> None:
         """Decelerate all axes and hold them. No safety function: that is the hardware interlock.
 
         The command is sent before any answer is waited for, also on a new connection.
         `ProtocolError` says that it was not answered, `LinkLost` that no connection was possible.
         """
-        ...
 
+    @abstractmethod
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
         """Take the power off an axis, or off all; refused while it turns, unless it may coast."""
-        ...
 
+    @abstractmethod
     def read(self) -> TableState:
         """Return where the table is now."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the controller; the table goes on with what it does."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
 
 
 def axis_index(axis: str, axes: tuple[str, ...]) -> int:
@@ -222,8 +218,7 @@ def require_unique_names(axes: tuple[str, ...]) -> None:
     if not axes or len(set(axes)) < len(axes):
         raise InputError(
             f"the axes of the table are {', '.join(axes) or 'none'}; give at least one, each with "
-            "its "
-            "own name",
+            "its own name",
             names=axes,
         )
 

@@ -94,6 +94,7 @@ class MeasurementTable:
         self._comments: list[str] = []
         self.sheet: Sheet = run_sheet(run)
         names, *cells = table_rows(run, self.sheet)
+        self._run, self._names = run, names
         self._columns, self.left_out = names, tuple[str, ...]()
         if not anew and self._readings_path.exists() and not path.exists():
             raise InputError(
@@ -107,7 +108,7 @@ class MeasurementTable:
                 for planned, own in zip(self.sheet.rows, cells, strict=True)
             ]
         else:
-            self.rows = self._read_rows(run, names)
+            self.rows = self._read_rows()
             self._read_single_readings()
 
     @property
@@ -160,41 +161,34 @@ class MeasurementTable:
     def _row(self, planned: SheetRow, cells: dict[str, str]) -> MeasuredRow:
         return MeasuredRow(planned, self.sheet.entry_columns(planned), cells)
 
-    def _read_rows(self, run: Run, names: Sequence[str]) -> list[MeasuredRow]:
+    def _read_rows(self) -> list[MeasuredRow]:
         lines = self._lines(self.path)
         self._comments = [text for _, text in lines if text.startswith("#")]
         header, *found = self._cells(
             self.path, [(number, text) for number, text in lines if text[:1] not in ("", "#")]
         )
         self._columns = [name.strip() for name in header[1]]
-        for name in names:
+        for name in self._names:
             if self._columns.count(name) != 1:
                 raise InputError(
-                    f"{self.path} is no worksheet of {run.path}: it has no column {name!r} or two; "
-                    "name another table with --out, or begin anew with --force",
+                    f"{self.path} is no worksheet of {self._run.path}: it has no column {name!r} "
+                    "or two; name another table with --out, or begin anew with --force",
                     file=self.path,
                     line=header[0],
                     names=(name,),
                 )
         unused = list(self.sheet.rows)
-        rows: list[MeasuredRow] = []
-        for number, cells in found:
-            rows.append(self._matched_row(run, names, unused, number, cells))
+        rows = [self._matched_row(unused, number, cells) for number, cells in found]
         self.left_out = tuple(row.label for row in unused)
         return rows
 
     def _matched_row(
-        self,
-        run: Run,
-        names: Sequence[str],
-        unused: list[SheetRow],
-        number: int,
-        cells: Sequence[str],
+        self, unused: list[SheetRow], number: int, cells: Sequence[str]
     ) -> MeasuredRow:
         """Return a row of the file with its step, which is taken out of `unused`."""
         given = dict.fromkeys(self._columns, "") | dict(zip(self._columns, cells, strict=False))
         for planned in unused:
-            stated = dict(zip(names, planned.given, strict=False))
+            stated = dict(zip(self._names, planned.given, strict=False))
             if len(cells) <= len(self._columns) and all(
                 _same_cell(given[name], text) for name, text in stated.items()
             ):
@@ -212,7 +206,8 @@ class MeasurementTable:
                 return row
         raise InputError(
             f"{self.path} line {number}: {','.join(cells)[:60]!r} is no row of the worksheet of "
-            f"{run.path}; correct it, name another table with --out, or begin anew with --force",
+            f"{self._run.path}; correct it, name another table with --out, or begin anew with "
+            "--force",
             file=self.path,
             line=number,
         )

@@ -5,7 +5,9 @@ toward a soft limit is a move that ends `LIMIT_MARGIN` before it: the controller
 """
 
 from collections.abc import Mapping, Sequence
-from math import degrees, isfinite, nan, radians
+from dataclasses import dataclass, replace
+from math import degrees, inf, isfinite, nan, radians
+from typing import Literal
 
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
@@ -18,7 +20,6 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     axis_index,
 )
-from inercal.host.manual.axis_task import AxisTask
 from inercal.host.manual.commands import (
     AxisCommand,
     GoCommand,
@@ -35,6 +36,32 @@ from inercal.host.task_sequencer import (
     SpinCommand,
 )
 
+Activity = Literal["idle", "home", "go", "jog", "stop"]
+
+
+@dataclass(frozen=True)
+class AxisTask:
+    """The last command of an axis that is operated by hand.
+
+    Parameters
+    ----------
+    activity : "idle", "home", "go", "jog" or "stop"
+        Stop: it decelerates.
+    goal : float
+        Commanded angle, rad; NaN where none is commanded.
+    rate : float
+        Commanded rate, rad/s; signed in a jog.
+    begun, due : float
+        s of the session: the time of the command, and the time limit of the motion.
+    """
+
+    activity: Activity = "idle"
+    goal: float = nan
+    rate: float = 0.0
+    begun: float = -inf
+    due: float = inf
+
+
 LIMIT_MARGIN = radians(0.1)  # rad before a soft limit, where a jog toward it ends
 _LEAST_JOG = radians(0.01)  # rad to that place below which an axis is there
 _HOMING_TIMEOUT = 300.0  # s
@@ -46,23 +73,22 @@ def narrower_limits(
 ) -> tuple[AxisLimits, ...]:
     """Return what each axis is held to by its controller and by what its bench states."""
     return tuple(
-        AxisLimits(
-            min(of.rate, held.rate),
-            min(of.acceleration, held.acceleration),
-            of.low,
-            of.high,
-            of.following_error,
+        replace(
+            of,
+            rate=min(of.rate, held.rate),
+            acceleration=min(of.acceleration, held.acceleration),
         )
         for of, held in zip(controller, bench, strict=True)
     )
 
 
+@dataclass(frozen=True)
 class CommandCheck:
     """Judges commands of one table.
 
     Parameters
     ----------
-    axes : sequence of str
+    axes : tuple of str
         Names, outer to inner.
     limits : sequence of AxisLimits
         What each axis is held to.
@@ -70,13 +96,9 @@ class CommandCheck:
         What the controller cannot do, with the reason.
     """
 
-    def __init__(
-        self,
-        axes: tuple[str, ...],
-        limits: Sequence[AxisLimits],
-        unsupported: Mapping[Feature, str],
-    ):
-        self._axes, self._limits, self._unsupported = axes, limits, unsupported
+    axes: tuple[str, ...]
+    limits: Sequence[AxisLimits]
+    unsupported: Mapping[Feature, str]
 
     def judge(
         self, command: AxisCommand, state: TableState, tasks: Sequence[AxisTask], time: float
@@ -100,8 +122,8 @@ class CommandCheck:
         TableFault
             The axis has a fault, or its servo is off.
         """
-        i = axis_index(command.axis, self._axes)
-        axis, limits, task = state.axes[i], self._limits[i], tasks[i]
+        i = axis_index(command.axis, self.axes)
+        axis, limits, task = state.axes[i], self.limits[i], tasks[i]
         match command:
             case ServoCommand(on=True):
                 if axis.enabled and not axis.faults:
@@ -143,8 +165,8 @@ class CommandCheck:
                 return SpinCommand(i, rate, limits.acceleration), AxisTask("jog", nan, rate)
 
     def _require_supported(self, feature: Feature) -> None:
-        if feature in self._unsupported:
-            raise InputError(self._unsupported[feature])
+        if feature in self.unsupported:
+            raise InputError(self.unsupported[feature])
 
 
 def _require_ready(axis: AxisState, task: AxisTask, rate: float = 0.0) -> None:

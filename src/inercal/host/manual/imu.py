@@ -5,13 +5,12 @@ from collections.abc import Callable
 from functools import partial
 from math import inf, isfinite
 
-from inercal.basics.arrays import Array
 from inercal.host.addresses import layout_of_address, open_imu
-from inercal.host.assembly import SampleAssembler, SampleTally
+from inercal.host.assembly import SampleAssembler
 from inercal.host.clock import Tick
 from inercal.host.closeable import Closeable
 from inercal.host.drivers.rotary_table import TableState
-from inercal.host.imu_receiver import ImuReceiver
+from inercal.host.imu_port import ImuReceiver
 from inercal.host.interlocks import Interlocks
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state
@@ -37,6 +36,13 @@ class ManualImu(Closeable):
     wraps : float
         s after which the table's clock begins again.
 
+    Attributes
+    ----------
+    receiver : ImuReceiver
+        Says what is wrong with the port.
+    assembly : SampleAssembler
+        What came, and what became of it.
+
     Raises
     ------
     InputError
@@ -56,10 +62,10 @@ class ManualImu(Closeable):
     ):
         self._wraps = wraps
         self._new_assembly = partial(SampleAssembler, run, layout_of_address(address))
-        self._assembly = self._new_assembly()
+        self.assembly = self._new_assembly()
         self._interlocks = interlocks
         self._work_time = tick.time
-        self._receiver = ImuReceiver(
+        self.receiver = ImuReceiver(
             lambda timeout: open_imu(
                 address, now, timeout, synchronous=tick.bytes_sent is not None
             ),
@@ -67,27 +73,17 @@ class ManualImu(Closeable):
         )
         self._begin(tick.time)
 
-    @property
-    def trouble(self) -> str | None:
-        """What is wrong with the port, in words; None while bytes come."""
-        return self._receiver.trouble
-
-    @property
-    def tally(self) -> SampleTally:
-        """What became of what came."""
-        return self._assembly.tally
-
     def take(self, tick: Tick) -> None:
         """Take what came by a tick."""
-        heard = self._receiver.take(tick)
+        heard = self.receiver.take(tick)
         if heard.reopened:
             self._begin(tick.time)
         for time, data in heard.pieces:
-            self._assembly.feed(LogFrame(IMU, time, data))
+            self.assembly.feed(LogFrame(IMU, time, data))
 
     def take_table(self, time: float, state: TableState) -> None:
         """Take a reading of the table, at a time of the session, s."""
-        self._assembly.feed(LogFrame(TABLE, time, pack_state(state)))
+        self.assembly.feed(LogFrame(TABLE, time, pack_state(state)))
 
     def check_gyros(self, time: float) -> str | None:
         """Return in words how the gyros' rates differ from those of the readback, if they do.
@@ -100,22 +96,18 @@ class ManualImu(Closeable):
         if time - self._work_time < _WORK_INTERVAL:
             return None
         self._work_time = time
-        block = self._assembly.take()
-        if self._assembly.imu_mismatch is not None:
+        block = self.assembly.take()
+        if self.assembly.imu.mismatch is not None:
             # An IMU that was switched off and on: here its clock may be matched anew.
-            self._assembly = self._new_assembly()
+            self.assembly = self._new_assembly()
             self._begin(time)
         return (
             None if block is None else self._interlocks.check_gyros(block.track.with_known_angles)
         )
 
-    def take_received(self) -> tuple[Array, Array] | None:
-        """Return times and outputs since the last call; see `SampleAssembler.take_received`."""
-        return self._assembly.take_received()
-
     def close(self) -> None:
         """Close the port."""
-        self._receiver.close()
+        self.receiver.close()
 
     def _begin(self, time: float) -> None:
         """Let what follows be compared with nothing of before."""
@@ -124,4 +116,4 @@ class ManualImu(Closeable):
         # One section without an end: samples outside of sections are not assembled.
         section = {"what": "section", "number": 0, "label": "", "state": "begun", "hold": False}
         for event in (session, section | {"time": -1e9}):
-            self._assembly.feed(LogFrame(EVENT, time, json.dumps(event).encode()))
+            self.assembly.feed(LogFrame(EVENT, time, json.dumps(event).encode()))

@@ -15,6 +15,7 @@ Both are software; the hardware interlock is the safety function.
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
+from functools import partial
 from math import degrees, inf, radians
 from queue import Empty, SimpleQueue
 from time import monotonic
@@ -37,8 +38,7 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.guard import Guard
 from inercal.host.interlocks import Interlocks, LastChecks
 from inercal.host.journal import NOTE_LEVEL, Journal
-from inercal.host.manual.axis_task import AxisTask
-from inercal.host.manual.command_check import CommandCheck, narrower_limits
+from inercal.host.manual.command_check import AxisTask, CommandCheck, narrower_limits
 from inercal.host.manual.commands import (
     AxisCommand,
     GoCommand,
@@ -503,13 +503,8 @@ class ManualSession:
 
     def __exit__(self, *_: object) -> None:
         try:
-            if not self._is_at_rest:
-                self._clock.close()  # a simulated bench then follows the wall clock
-                if (words := self._driver.release_to_guard()) is not None:
-                    self._say("alarm", words)
-        except BaseException:
-            self._guard.release_to_guard()
-            raise
+            say = partial(self._say, "alarm")
+            self._driver.leave(self._clock, say, at_rest=self._is_at_rest)
         finally:
             self._open_resources.close()
 

@@ -8,11 +8,10 @@
 [0.0, 0.0, 9.8, 0.0, 0.0, 0.1]
 """
 
-from inercal.host.packets.counter_unwrapper import Flag
 from inercal.host.packets.description import PRESETS, parse_layout, read_layout
 from inercal.host.packets.encode import encode
 from inercal.host.packets.layout import PacketLayout
-from inercal.host.packets.stream import Decoder, PacketCounts, Packets, join_packets, read_log
+from inercal.host.packets.stream import Decoder, Flag, PacketCounts, Packets, join_packets, read_log
 
 __all__ = [
     "PRESETS",

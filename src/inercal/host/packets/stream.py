@@ -2,25 +2,105 @@
 
 However the bytes are cut, the packets are the same bit for bit. Garbage raises nothing: it is
 thrown away and counted.
+
+Counters and clocks that restart at zero are unwrapped, and lost packets detected by their steps.
 """
 
 from collections.abc import Iterable
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from enum import IntFlag
 from math import isfinite
+from operator import add
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.host.packets import binary_decoder, text_decoder
-from inercal.host.packets.binary_decoder import DecodedPackets
-from inercal.host.packets.counter_unwrapper import CounterUnwrapper, Flag, flag_array
 from inercal.host.packets.layout import PacketLayout
+from inercal.host.packets.packet_finder import DecodedPackets, Raw, find_lines, find_packets
 from inercal.host.packets.packet_format import AXES, BinaryFrame, TextLine
+
+_MAX_STEP = 2.0**62  # a longer step is not a step
+
+
+class Flag(IntFlag):
+    """Properties of a packet that a reader must know."""
+
+    SATURATED = 1  # a reading at its full scale
+    INVALID = 2  # a reading that the device calls none; it is NaN
+    GAP = 4  # packets were lost before this one
+    REPEATED = 8  # same counter as the packet before
+    OUT_OF_ORDER = 16  # a counter below that of the packet before
+    STATUS = 32  # the device's status is not that of good data
+
+
+class UnwrappedValues(NamedTuple):
+    """Values that were counted on, (n,); flags of the packets, (n,) uint8; packets lost."""
+
+    values: NDArray[Any]
+    flags: NDArray[np.uint8]
+    lost: int
+
+
+def flag_array(where: NDArray[np.bool_], flag: Flag) -> NDArray[np.uint8]:
+    """Return a flag where something holds."""
+    return where.astype(np.uint8) * np.uint8(flag)
+
+
+@dataclass
+class CounterUnwrapper:
+    """Follows a raw counter or clock through one stream.
+
+    Parameters
+    ----------
+    modulus : float
+        Where it starts again at 0; 0: never.
+    step : float
+        From packet to packet; 0: unknown, and nothing is said of the steps.
+    """
+
+    modulus: float
+    step: float
+    _last: float | int | None = None
+    _wrap_count: int = 0
+
+    def unwrap(self, raw: NDArray[Any]) -> UnwrappedValues:
+        """Count on: a step of half the modulus or more is one back.
+
+        Parameters
+        ----------
+        raw : (n,) array of int64 or float64
+            Those that follow the ones of the call before.
+        """
+        flags = np.zeros(raw.size, np.uint8)
+        if not raw.size:
+            return UnwrappedValues(raw, flags, 0)
+        before = np.concatenate([raw[:1] if self._last is None else [self._last], raw[:-1]])
+        step = np.subtract(raw, before, dtype=np.float64)
+        # A clock that is a real number may come out of a false packet as NaN or beyond all sense.
+        step = np.where(np.abs(step) < _MAX_STEP, step, 0.0)
+        values = raw
+        if self.modulus:
+            # Whole turns are counted, not steps added up: the values of a clock stay exact.
+            turns = np.floor(0.5 - step / self.modulus).astype(np.int64)
+            step += turns * self.modulus
+            total = self._wrap_count + np.cumsum(turns)
+            values = raw + total * raw.dtype.type(self.modulus)
+            self._wrap_count = int(total[-1])
+        known = slice(1 if self._last is None else 0, None)
+        self._last = raw[-1]
+        if not self.step:
+            return UnwrappedValues(values, flags, 0)
+        passed = np.rint(step[known] / self.step)
+        flags[known] |= flag_array(passed > 1, Flag.GAP)
+        flags[known] |= flag_array(step[known] == 0, Flag.REPEATED)
+        flags[known] |= flag_array(step[known] < 0, Flag.OUT_OF_ORDER)
+        return UnwrappedValues(values, flags, int(np.sum(np.maximum(passed - 1, 0))))
+
 
 Number = TypeVar("Number", np.int64, np.float64)
 _BLOCK_SIZE = 1 << 20  # bytes at a time: what is made of them stays in the processor's cache
@@ -50,6 +130,9 @@ class PacketCounts:
     lost: int = 0
     repeated: int = 0
     out_of_order: int = 0
+
+    def __add__(self, other: "PacketCounts") -> "PacketCounts":
+        return PacketCounts(*map(add, vars(self).values(), vars(other).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,16 +254,14 @@ class Decoder:
         if self._skip_line:
             skipped = data.find(b"\n") + 1 or len(data)
             self._skip_line = not data[:skipped].endswith(b"\n")
-            self.counts = replace(self.counts, discarded=self.counts.discarded + skipped)
+            self.counts += PacketCounts(discarded=skipped)
             data = data[skipped:]
         buffer = self._buffer + bytes(data)
         first, *_ = frames = self.layout.frames
         if isinstance(first, TextLine):
-            found = text_decoder.find_lines(buffer, first)
+            found = find_lines(buffer, first)
         else:
-            found = binary_decoder.find_packets(
-                buffer, tuple(f for f in frames if isinstance(f, BinaryFrame))
-            )
+            found = find_packets(buffer, tuple(f for f in frames if isinstance(f, BinaryFrame)))
         self._buffer = buffer[found.consumed_bytes :]
         return self._convert_packets(found)
 
@@ -205,13 +286,12 @@ class Decoder:
         if "time" in raw:
             raw = {**raw, "time": self._since_zero(raw["time"])}
         ticks = self._unwrap_column("time", raw, np.float64, flags)
-        self.counts = replace(
-            self.counts,
-            packets=self.counts.packets + n,
-            discarded=self.counts.discarded + found.consumed_bytes - found.packet_bytes,
-            failed=self.counts.failed + found.failed,
-            repeated=self.counts.repeated + _count_flag(flags, Flag.REPEATED),
-            out_of_order=self.counts.out_of_order + _count_flag(flags, Flag.OUT_OF_ORDER),
+        self.counts += PacketCounts(
+            packets=n,
+            discarded=found.consumed_bytes - found.packet_bytes,
+            failed=found.failed,
+            repeated=_count_flag(flags, Flag.REPEATED),
+            out_of_order=_count_flag(flags, Flag.OUT_OF_ORDER),
         )
         time = None if ticks is None else ticks * layout.time.size
         return Packets(readings, counter, time, temperature, status, flags)
@@ -225,7 +305,7 @@ class Decoder:
         return whole - self.time_zero if self.time_zero else whole
 
     def _unwrap_column(
-        self, role: str, raw: binary_decoder.Raw, kind: type[Number], flags: NDArray[np.uint8]
+        self, role: str, raw: Raw, kind: type[Number], flags: NDArray[np.uint8]
     ) -> NDArray[Number] | None:
         """Count on a counter or clock, and mark and count what is missing."""
         if role not in raw:
@@ -233,7 +313,7 @@ class Decoder:
         values = raw[role].astype(kind)
         found = self._sequences[role].unwrap(values)
         flags |= found.flags
-        self.counts = replace(self.counts, lost=self.counts.lost + found.lost)
+        self.counts += PacketCounts(lost=found.lost)
         return found.values
 
 
@@ -264,7 +344,7 @@ def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCou
         raise InputError(
             f"{path}: the log cannot be read: {error.strerror or error}", file=path
         ) from None
-    counts = replace(decoder.counts, discarded=decoder.counts.discarded + decoder.pending)
+    counts = decoder.counts + PacketCounts(discarded=decoder.pending)
     if not counts.packets:
         raise InputError(
             f"{path}: {counts.discarded} bytes hold no packet of {layout.name!r}"

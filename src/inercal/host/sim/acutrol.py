@@ -10,10 +10,9 @@ import re
 from argparse import ArgumentParser
 from math import degrees, inf, radians
 
-from inercal.host.sim.controller import Controller
+from inercal.host.sim.controller import Controller, LineSession
 from inercal.host.sim.dynamics import ServoOffError, SimulatedTable, three_axes
-from inercal.host.sim.line_session import LineSession
-from inercal.host.sim.simulator_process import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import add_pace_option, selected_pace, serve
 
 _WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
           "absolute", "close", "open", "reset", "off")  # fmt: skip
@@ -166,7 +165,7 @@ def _expand_word(word: str) -> str:
 
 
 def main() -> None:
-    """Serve a simulated ACUTROL3000 until standard input ends; see `process.serve`."""
+    """Serve a simulated ACUTROL3000 until standard input ends; see `server.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.acutrol", description=__doc__)
     parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
     add_pace_option(parser)

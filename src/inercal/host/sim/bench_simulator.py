@@ -25,9 +25,8 @@ from inercal.host.sim.faults import parse_number
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import ScaledClock, Session, SimulatorServer
+from inercal.host.sim.server import ScaledClock, Session, SimulatorServer, execute_commands
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
-from inercal.host.sim.simulator_process import execute_commands
 from inercal.runfile import read
 
 COUNTS_PER_TURN = 3_600_000  # in a turn

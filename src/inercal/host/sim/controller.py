@@ -1,7 +1,9 @@
-"""What the simulated controllers have in common: a table, whose time they let pass."""
+"""What the simulated controllers have in common: a table, whose time they let pass, and lines."""
 
-from inercal.basics.errors import InputError
+from collections.abc import Callable
+
 from inercal.host.sim.dynamics import FAULTS, AxesMotion, SimulatedTable
+from inercal.host.sim.faults import unknown_fault
 
 
 class Controller:
@@ -41,9 +43,21 @@ class Controller:
             ):
                 self.table.fault(int(number) - 1, what, state != ["off"])
             case _:
-                raise InputError(
-                    f"{words!r} is not a fault; possible: {', '.join(FAULTS)}, then an axis from "
-                    f"1 to {count}, then on or off",
-                    key="fault",
-                    names=(words,),
-                )
+                axes = f"then an axis from 1 to {count}, then on or off"
+                raise unknown_fault(words, f"{', '.join(FAULTS)}, {axes}")
+
+
+class LineSession:
+    """A connection on which a controller is told lines, each answered at once.
+
+    What arrives is split at `ending`; `answer` takes a line.
+    """
+
+    def __init__(self, ending: bytes, answer: Callable[[str], str]):
+        self._ending, self._answer = ending, answer
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> bytes:
+        """As `server.Session.feed`."""
+        *lines, self._buffer = (self._buffer + data).split(self._ending)
+        return "".join(self._answer(line.decode("latin-1").strip()) for line in lines).encode()

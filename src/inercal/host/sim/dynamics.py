@@ -15,6 +15,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.host.sim import _table_kernel as kernel
+from inercal.host.sim.faults import unknown_fault
 
 FAULTS = ("amplifier", "frozen", "jammed")
 
@@ -195,11 +196,7 @@ class SimulatedTable:
     def fault(self, i: int, what: str, on: bool = True) -> None:
         """Set or clear a fault of `FAULTS`: amplifier off, encoder frozen, axis jammed."""
         if what not in FAULTS:
-            raise InputError(
-                f"{what!r} is not a fault; possible: {', '.join(FAULTS)}",
-                key="fault",
-                names=(what,),
-            )
+            raise unknown_fault(what, ", ".join(FAULTS))
         self.state[i][what] = int(on)
 
     def report(self) -> list[AxisReport]:

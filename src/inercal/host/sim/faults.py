@@ -58,11 +58,14 @@ class Faults:
             case ["delay", seconds] if 0 <= parse_number(seconds) < 1e6:
                 self.delay = float(seconds)
             case _:
-                raise InputError(
-                    f"{words!r} is not a fault; possible: {FAULT_SYNTAX}",
-                    key="fault",
-                    names=(words,),
-                )
+                raise unknown_fault(words, FAULT_SYNTAX)
+
+
+def unknown_fault(words: str, possible: str) -> InputError:
+    """Return the error of words that are none of the possible faults."""
+    return InputError(
+        f"{words!r} is not a fault; possible: {possible}", key="fault", names=(words,)
+    )
 
 
 def parse_number(text: str | bytes) -> float:

@@ -12,18 +12,25 @@ Standard input tells faults, a line each, answered by `ok` or by what is wrong:
     fault unplug         the port goes away, until `fault replug`
     die                  the process ends at once, as if killed
 
+The bytes go to a pseudo-terminal or over TCP, which never hold it up for long. What no buffer takes
+is lost, as where a port overruns.
+
 Run as `python -m inercal.host.sim.mimu RUNFILE --seed 1 --preset fixed --terminal`.
 """
 
 import os
+import pty
 import socket
 import sys
+import tty
 from argparse import ArgumentParser
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
+from time import monotonic, sleep
+from typing import Protocol
 
 import numpy as np
 
@@ -32,13 +39,105 @@ from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.packets import PacketLayout, read_layout
 from inercal.host.sim import motion_link
-from inercal.host.sim.faults import parse_number
+from inercal.host.sim.faults import parse_number, unknown_fault
 from inercal.host.sim.imu_model import SimulatedImu, draw_bias_drift, noise_block_size
 from inercal.host.sim.packet_packer import PacketPacker
+from inercal.host.sim.server import answer_lines
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
-from inercal.host.sim.simulator_port import SimulatorPort, TcpPort, TerminalPort
-from inercal.host.sim.simulator_process import answer_lines
 from inercal.runfile import Run, read
+
+_WRITE_TIMEOUT = 0.5  # s of the wall for a reader that is busy; one that was not there gets none
+_RETRY_INTERVAL = 0.001  # s
+
+
+class SimulatorPort(Protocol):
+    """Takes bytes."""
+
+    address: str
+
+    def write(self, data: bytes) -> int:
+        """Send what can be sent; return how many bytes that is."""
+        ...
+
+    def close(self) -> None:
+        """Unplug it."""
+        ...
+
+
+class TerminalPort:
+    """A pseudo-terminal; `path` becomes a link to it, so that it is there again if replugged."""
+
+    def __init__(self, path: Path):
+        self.address = f"serial:{path}"
+        self._path = path
+        # The host's end stays open here too: else it hangs up whenever no program has it open.
+        self._device, self._host = pty.openpty()
+        tty.setraw(self._host)
+        os.set_blocking(self._device, False)
+        path.symlink_to(os.ttyname(self._host))
+        self._overrun = False
+
+    def write(self, data: bytes) -> int:
+        """As `SimulatorPort.write`."""
+        done, end = 0, None
+        while True:
+            with suppress(BlockingIOError):
+                done += os.write(self._device, data[done:])
+            if done == len(data):
+                self._overrun = False
+                return done
+            end = end or monotonic() + _WRITE_TIMEOUT
+            if self._overrun or monotonic() > end:
+                self._overrun = True
+                return done
+            sleep(_RETRY_INTERVAL)
+
+    def close(self) -> None:
+        """As `SimulatorPort.close`."""
+        self._path.unlink(missing_ok=True)
+        os.close(self._device)
+        os.close(self._host)
+
+
+class TcpPort:
+    """A port of TCP; one host at a time, the last."""
+
+    def __init__(self, port: int = 0):
+        self._listener = socket.create_server(("127.0.0.1", port))
+        self._listener.setblocking(False)
+        self.port: int = self._listener.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self._host: socket.socket | None = None
+
+    def write(self, data: bytes) -> int:
+        """As `SimulatorPort.write`."""
+        # Whoever has connected by now gets these bytes, whichever process was faster.
+        with suppress(BlockingIOError):
+            host = self._listener.accept()[0]
+            host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            host.settimeout(_WRITE_TIMEOUT)
+            self._disconnect_host()
+            self._host = host
+        if self._host is None:
+            return 0
+        try:
+            self._host.sendall(data)
+        except OSError:
+            # How much of it arrived nobody knows: the connection ends.
+            self._disconnect_host()
+            return 0
+        return len(data)
+
+    def close(self) -> None:
+        """As `SimulatorPort.close`."""
+        self._disconnect_host()
+        self._listener.close()
+
+    def _disconnect_host(self) -> None:
+        if self._host is not None:
+            self._host.close()
+            self._host = None
+
 
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE_NOISE = 300.0  # s of noise beyond one and a half plans
@@ -96,11 +195,7 @@ class PacketSender:
                 case ["fault", "replug"]:
                     self._port = self._port or self._open_port()
                 case _:
-                    raise InputError(
-                        f"{words!r} is not a fault; possible: {FAULT_SYNTAX}",
-                        key="fault",
-                        names=(words,),
-                    )
+                    raise unknown_fault(words, FAULT_SYNTAX)
 
     def close(self) -> None:
         """Unplug the port."""

@@ -51,26 +51,19 @@ def connect(address: str, patience: float) -> socket.socket:
     OSError
         No IMU is there.
     """
-    end = socket.socket(socket.AF_UNIX)
+    end, until = socket.socket(socket.AF_UNIX), monotonic() + patience
     try:
-        _retry_connect(end, address.removeprefix("unix:"), patience)
+        while True:
+            try:
+                end.connect(address.removeprefix("unix:"))
+                return end
+            except (FileNotFoundError, ConnectionRefusedError):  # it does not listen yet
+                if monotonic() > until:
+                    raise
+                sleep(_RETRY_INTERVAL)
     except OSError:
         end.close()
         raise
-    return end
-
-
-def _retry_connect(end: socket.socket, path: str, patience: float) -> None:
-    """Connect, as soon as the other process listens."""
-    until = monotonic() + patience
-    while True:
-        try:
-            end.connect(path)
-            return
-        except (FileNotFoundError, ConnectionRefusedError):
-            if monotonic() > until:
-                raise
-            sleep(_RETRY_INTERVAL)
 
 
 def send(end: socket.socket, part: MotionBlock) -> None:

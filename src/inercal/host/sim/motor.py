@@ -6,11 +6,10 @@ Run as `python -m inercal.host.sim.motor`, on a pseudo-terminal, or with `--port
 from argparse import ArgumentParser
 from math import degrees, isfinite, radians
 
-from inercal.host.sim.controller import Controller
+from inercal.host.sim.controller import Controller, LineSession
 from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable
 from inercal.host.sim.faults import parse_number
-from inercal.host.sim.line_session import LineSession
-from inercal.host.sim.simulator_process import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import add_pace_option, selected_pace, serve
 
 _LIMITS = {"JOG": 600.0, "VEL": 600.0, "ACL": 200.0}  # °/s, °/s²
 
@@ -69,7 +68,7 @@ class SimulatedMotor(Controller):
 
 
 def main() -> None:
-    """Serve a simulated motor until standard input ends; see `process.serve`."""
+    """Serve a simulated motor until standard input ends; see `server.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.motor", description=__doc__)
     parser.add_argument("--port", type=int, help="of TCP, 0: any free one; else a pseudo-terminal")
     add_pace_option(parser)

@@ -16,7 +16,7 @@ from struct import unpack_from
 from inercal.host.sim.controller import Controller
 from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
 from inercal.host.sim.pmac_commands import Interpreter
-from inercal.host.sim.simulator_process import add_pace_option, selected_pace, serve
+from inercal.host.sim.server import add_pace_option, selected_pace, serve
 
 _CHUNK = 1400
 _WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is that of data
@@ -99,7 +99,7 @@ class _Session:
 
 
 def main() -> None:
-    """Serve a simulated PMAC until standard input ends; see `process.serve`."""
+    """Serve a simulated PMAC until standard input ends; see `server.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.pmac", description=__doc__)
     parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
     parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts in a turn")

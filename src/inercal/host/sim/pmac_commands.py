@@ -252,30 +252,25 @@ def _missing_motor_step(act: str | None) -> _Step:
 def _status_words(flags: int, activated: bool) -> str:
     """Return the two words of `?`."""
     closed, moving = bool(flags & kernel.CLOSED), bool(flags & kernel.MOVING)
-    first = sum(
-        bool(on) << bit
-        for bit, on in (
-            (23, activated),
-            (19, closed),
-            (18, not closed),
-            (17, moving),
-            (13, closed and not moving),
-            (12, flags & kernel.ABORTING),
-            (10, flags & kernel.SEARCHING),
-        )
-    )
-    second = sum(
-        bool(on) << bit
-        for bit, on in (
-            (15, True),
-            (11, flags & kernel.LIMITED),
-            (10, flags & kernel.HOMED),
-            (3, flags & kernel.AMPLIFIER),
-            (2, flags & kernel.TRIPPED),
-            (0, flags & kernel.SETTLED),
-        )
-    )
-    return f"{first:06X}{second:06X}"
+    first = {
+        23: activated,
+        19: closed,
+        18: not closed,
+        17: moving,
+        13: closed and not moving,
+        12: flags & kernel.ABORTING,
+        10: flags & kernel.SEARCHING,
+    }
+    second = {
+        15: True,
+        11: flags & kernel.LIMITED,
+        10: flags & kernel.HOMED,
+        3: flags & kernel.AMPLIFIER,
+        2: flags & kernel.TRIPPED,
+        0: flags & kernel.SETTLED,
+    }
+    words = (sum(bool(on) << bit for bit, on in word.items()) for word in (first, second))
+    return "".join(f"{word:06X}" for word in words)
 
 
 def _parse_number(text: str) -> float:

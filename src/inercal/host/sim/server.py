@@ -3,18 +3,23 @@
 The device looks at no clock. `pace` says what bench time it is whenever bytes come, and `advance`
 lets time pass from outside: a wall clock (`ScaledClock`) or grants (`ManualClock`) pace the same
 numbers.
+
+A simulator as a process (`serve`) is told time and faults by its standard input.
 """
 
 import os
 import selectors
 import socket
+import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from threading import RLock, Thread
 from time import monotonic
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TextIO, TypeVar
 
+from inercal.basics.errors import InputError
 from inercal.host.sim.faults import Faults
 
 _POLL_INTERVAL = 0.02  # s of wall time after which time passes though nobody asks
@@ -274,3 +279,56 @@ def _open_terminal() -> tuple[_Connection, str]:
 
     # The host's end stays open here too: else it hangs up whenever no program has it open.
     return _Connection(device, lambda: os.read(device, _READ_SIZE), send, close), os.ttyname(host)
+
+
+def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool = False) -> None:
+    """Serve until standard input ends, which tells faults and time, a line each.
+
+    The address is printed first, as `at tcp://127.0.0.1:40123`; each line told is answered by `ok`
+    or by what is wrong. `advance 1.5` lets time pass where it is granted; the faults are those of
+    `faults` and of the device.
+    """
+    with SimulatorServer(device, pace, port=port, terminal=terminal) as server:
+        print(f"at {server.address}", flush=True)
+        execute_commands(server, sys.stdin, sys.stdout)
+
+
+def execute_commands(server: SimulatorServer[Any], told: TextIO, answers: TextIO) -> None:
+    """Do what each line of `told` says of time and faults, until there is no more."""
+
+    def tell(line: str) -> None:
+        match line.split():
+            case ["advance", until] if isinstance(server.pace, ManualClock):
+                server.advance(float(until))
+            case ["fault", *words]:
+                with server.lock:
+                    server.device.fault(" ".join(words))
+            case _:
+                with server.lock:
+                    server.faults.set_fault(line)
+
+    answer_lines(tell, told, answers)
+
+
+def answer_lines(tell: Callable[[str], None], told: TextIO, answers: TextIO) -> None:
+    """Hand each line of `told` to `tell`, and answer by `ok` or by its error."""
+    for line in told:
+        try:
+            tell(line.strip())
+            print("ok", file=answers, flush=True)
+        except (InputError, ValueError) as error:
+            print(f"no: {error}", file=answers, flush=True)
+
+
+def add_pace_option(parser: ArgumentParser) -> None:
+    """Add the option `--pace`: a factor of the wall clock, or `told`."""
+    parser.add_argument(
+        "--pace",
+        default="1",
+        help="bench time per second, such as 10; told: it advances by `advance T` alone",
+    )
+
+
+def selected_pace(options: Namespace) -> Callable[[], float]:
+    """Return the pace that `--pace` asks for."""
+    return ManualClock() if options.pace == "told" else ScaledClock(float(options.pace))

@@ -2,20 +2,31 @@
 
 A page of another site in the same browser can send requests here, and so can one whose name was
 made to lead here (DNS rebinding): the first says its own origin, the second another host.
+
+`AccessMiddleware` is what every request passes before the page sees it, and every answer on its way
+out. Pure ASGI: host, origin, token; only then the body, up to a limit of size and time and no
+further; headers that let a browser load nothing but the page's own.
 """
 
+import asyncio
 import hmac
 import secrets
 from base64 import urlsafe_b64encode
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
+from html import escape
 from ipaddress import ip_address
 from time import monotonic
+from typing import Any
+from urllib.parse import parse_qs
 
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import cookie_parser
-from starlette.responses import Response
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from inercal.basics.errors import InputError
+from inercal.host.web.refusal_log import RefusalLog
 
 SESSION, VIEWER = "inercal-session", "inercal-viewer"
 _MIN_TOKEN_LENGTH = 12  # characters of a token
@@ -136,3 +147,248 @@ def cookie(headers: Mapping[str, str], name: str) -> str | None:
 
 def _equal_in_constant_time(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(errors="replace"), other.encode(errors="replace"))
+
+
+# Bodies of requests, read up to a limit of size and time; few may be slow at once.
+#
+# The page's own bodies come in one piece with the request. A body that comes in drops occupies a
+# place, and there are few: where more are waited for, the oldest of the client with the most gives
+# way. Another client's body, or one that is there at once, is read all the same.
+MAX_BODY = 1 << 16  # bytes
+_TIMEOUT = 10.0  # s for one
+_MAX_WAITING = 16  # bodies that are waited for
+
+
+class RequestRefused(Exception):
+    """A request that is refused: the status of the answer, and why."""
+
+    def __init__(self, status: int, words: str):
+        super().__init__(words)
+        self.status, self.words = status, words
+
+
+class BodyReader:
+    """Reads the bodies of requests, and gives up those that are too long, too slow or too many."""
+
+    def __init__(self):
+        self._waiting: dict[asyncio.Timeout, str] = {}  # the oldest first, with its client
+
+    async def read(self, client: str, headers: Headers, receive: Receive) -> bytes:
+        """Return the body of a client's request.
+
+        Raises
+        ------
+        RequestRefused
+            It is too long, or does not come in time.
+        """
+        # What it says of its length is believed only where that is too much.
+        said = headers.get("content-length", "0")
+        if not said.isdecimal() or len(said) > 9 or int(said) > MAX_BODY:
+            raise _too_long()
+        limit = asyncio.timeout(_TIMEOUT)
+        try:
+            async with limit:
+                self._waiting[limit] = client
+                self._make_room()
+                return await _read(receive)
+        except TimeoutError:
+            raise RequestRefused(
+                408,
+                f"a body that does not come within {_TIMEOUT:g} s, or is the oldest of more than "
+                f"{_MAX_WAITING}",
+            ) from None
+        finally:
+            self._waiting.pop(limit, None)
+
+    def _make_room(self) -> None:
+        if len(self._waiting) <= _MAX_WAITING:
+            return
+        ((client, _),) = Counter(self._waiting.values()).most_common(1)
+        oldest = next(limit for limit, who in self._waiting.items() if who == client)
+        del self._waiting[oldest]
+        oldest.reschedule(asyncio.get_running_loop().time())
+
+
+async def _read(receive: Receive) -> bytes:
+    body, more = b"", True
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return body
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
+        if len(body) > MAX_BODY:
+            raise _too_long()
+    return body
+
+
+def _too_long() -> RequestRefused:
+    return RequestRefused(413, f"a body of more than {MAX_BODY} bytes")
+
+
+CONTENT_SECURITY_POLICY = (
+    "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; "
+    "object-src 'none'"
+)
+_TOKEN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>inercal</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<h1>inercal</h1><p>{words}</p>
+<form method="post" action="/token"><label>Token <input name="token" type="password" autofocus
+autocomplete="current-password"></label> <button>Open the page</button></form></html>
+"""
+
+
+class AccessMiddleware:
+    """Lets through to an application what may pass.
+
+    Parameters
+    ----------
+    app : ASGI application
+    access : Access
+    refused : RefusalLog
+    """
+
+    def __init__(self, app: ASGIApp, access: Access, refused: RefusalLog):
+        self._app, self._access, self._refusals = app, access, refused
+        self._bodies = BodyReader()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        if scope["type"] == "websocket":
+            await self._serve_websocket(scope, headers, receive, send)
+            return
+
+        async def closing(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                _set_security_headers(MutableHeaders(scope=message))
+            await send(message)
+
+        app = self._app
+        try:
+            self._require_allowed(scope, headers)
+            answer, body = self._token_refusal(scope, headers), b""
+            if answer is None and scope["method"] != "GET":
+                body = await self._bodies.read(client_host(scope), headers, receive)
+            app = answer or self._token_answer(scope, body) or app
+        except RequestRefused as refused:
+            words = f"{scope['method']} {scope['path']}: {refused.words}"
+            self._refusals(client_host(scope), words)
+            app = PlainTextResponse(f"{refused.words}\n", refused.status)
+            body = b""
+        await app(scope, _replay_body(body, receive), closing)
+
+    async def _serve_websocket(
+        self, scope: Scope, headers: Headers, receive: Receive, send: Send
+    ) -> None:
+        words = None
+        if not self._access.allows_host(headers):
+            words = f"host {headers.get('host', '')!r}"
+        elif not self._access.is_same_origin(headers):
+            words = f"origin {headers.get('origin', '')!r}"
+        elif not self._access.has_session(headers):
+            words = "no token"
+        if words is None:
+            await self._app(scope, receive, send)
+            return
+        self._refusals(client_host(scope), f"websocket {scope['path']}: {words}")
+        await receive()
+        await send({"type": "websocket.close"})
+
+    def _require_allowed(self, scope: Scope, headers: Headers) -> None:
+        """Refuse what is refused whoever asks."""
+        if not self._access.allows_host(headers):
+            raise RequestRefused(
+                421, f"host {headers.get('host', '')!r}: this page has another name"
+            )
+        if scope["method"] not in ("GET", "POST"):
+            raise RequestRefused(405, f"no {scope['method']} here")
+        if scope["method"] == "POST" and not self._access.is_same_origin(headers):
+            raise RequestRefused(403, f"origin {headers.get('origin', '')!r}: not this page")
+        if scope["path"] != "/" and self._access.is_cross_site(headers):
+            raise RequestRefused(403, "asked for by a page from elsewhere")
+
+    def _token_refusal(self, scope: Scope, headers: Headers) -> Response | None:
+        """Return the answer to who has not shown the token, or may not; None for all else."""
+        who = client_host(scope)
+        if self._shows_token(scope):
+            if self._access.may_try_token(who):
+                return None
+            self._refusals(who, "too many wrong tokens")
+            return _token_form("Too many wrong tokens; wait a minute.", 429)
+        if self._access.has_session(headers):
+            return None
+        self._refusals(who, f"{scope['method']} {scope['path']}: no token")
+        return _token_form("This page needs the token that `inercal bench serve` has printed.")
+
+    def _shows_token(self, scope: Scope) -> bool:
+        """Tell whether a request shows a token, right or wrong."""
+        if not self._access.needs_token:
+            return False
+        if scope["method"] == "POST":
+            return scope["path"] == "/token"
+        return scope["path"] == "/" and _form_field(scope["query_string"], "token") is not None
+
+    def _token_answer(self, scope: Scope, body: bytes) -> Response | None:
+        """Return the answer to who shows a token; None for all else."""
+        if not self._shows_token(scope):
+            return None
+        given = _form_field(body if scope["method"] == "POST" else scope["query_string"], "token")
+        who = client_host(scope)
+        if given is None or not self._access.accepts_token(given, who):
+            self._refusals(who, "a wrong token")
+            return _token_form("That is not the token.")
+        answer = RedirectResponse("/", 303)
+        name = cookie_name(Headers(scope=scope), SESSION)
+        answer.set_cookie(name, self._access.session, httponly=True, samesite="strict")
+        return answer
+
+
+def _replay_body(body: bytes, receive: Receive) -> Receive:
+    """Return what gives the body that was read, and then what else comes."""
+    given = False
+
+    async def take() -> Message:
+        nonlocal given
+        if given:
+            return await receive()
+        given = True
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    return take
+
+
+def _set_security_headers(headers: MutableHeaders) -> None:
+    headers.setdefault("content-security-policy", CONTENT_SECURITY_POLICY)
+    headers.setdefault("referrer-policy", "no-referrer")
+    headers.setdefault("cache-control", "no-store")
+    headers["x-content-type-options"] = "nosniff"
+    headers["x-frame-options"] = "DENY"
+    headers["cross-origin-resource-policy"] = "same-origin"
+    headers["cross-origin-opener-policy"] = "same-origin"
+    headers["connection"] = "close"  # nothing of one request stays for the next
+
+
+def _token_form(words: str, status: int = 401) -> Response:
+    # Without a referrer a browser would call the origin of this form "null".
+    return HTMLResponse(
+        _TOKEN_PAGE.format(words=escape(words)), status, {"referrer-policy": "same-origin"}
+    )
+
+
+def _form_field(query: bytes, name: str) -> str | None:
+    try:
+        fields = parse_qs(query.decode("utf-8", "replace"), max_num_fields=8)
+    except ValueError:
+        return ""
+    return fields.get(name, [None])[0]
+
+
+def client_host(scope: Mapping[str, Any]) -> str:
+    """Return the address of who asks."""
+    client = scope.get("client")
+    return client[0] if client else "somebody"

@@ -4,12 +4,13 @@ import asyncio
 import gzip
 import json
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from time import monotonic
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -19,15 +20,43 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from inercal.basics.errors import InercalError
 from inercal.host.packets import PRESETS, read_layout
-from inercal.host.web.access import Access
-from inercal.host.web.access_middleware import AccessMiddleware
+from inercal.host.web.access import Access, AccessMiddleware, client_host
 from inercal.host.web.device_catalogue import probe_devices
-from inercal.host.web.filter_changes import check_filter_changes
-from inercal.host.web.hub import Hub, free_space
+from inercal.host.web.hub import Hub
 from inercal.host.web.json_objects import parse_object
+from inercal.host.web.plans import check_filter_changes
 from inercal.host.web.refusal_log import RefusalLog
-from inercal.host.web.shared_call import SharedCall
 from inercal.host.web.viewers import Client, Viewer
+
+Result = TypeVar("Result")
+
+
+class SharedCall(Generic[Result]):
+    """Calls a slow function in a thread; its result goes to all who asked before the call began.
+
+    Parameters
+    ----------
+    function : callable
+    lock : asyncio.Lock
+        Held during a call.
+    """
+
+    def __init__(self, function: Callable[[], Result], lock: asyncio.Lock):
+        self._function, self._lock = function, lock
+        self._next: asyncio.Task[Result] | None = None
+
+    async def __call__(self) -> Result:
+        """Return the result of a call that begins after this."""
+        if self._next is None:
+            self._next = asyncio.create_task(self._call())
+        # Who gives up ends the wait, but not the call: the others still wait for it.
+        return await asyncio.shield(self._next)
+
+    async def _call(self) -> Result:
+        async with self._lock:
+            self._next = None
+            return await asyncio.to_thread(self._function)
+
 
 _MESSAGE_RATE = 20  # messages of a viewer
 _HEARTBEAT_INTERVAL = 2.0  # s
@@ -117,7 +146,7 @@ class Page:
 
     async def probe(self, request: Request) -> Response:
         """Ask the devices, for the operator."""
-        who = request.client.host if request.client else "somebody"
+        who = client_host(request.scope)
         if not self._hub.people.is_operator_browser(self._access.viewer(request.headers)):
             self._refusals(who, "probe: not the operator's browser")
             return JSONResponse({"words": "only the operator may ask the devices"}, 403)
@@ -134,9 +163,7 @@ class Page:
                 await self._hub.require_no_active_run()
             except InercalError as error:
                 return JSONResponse({"words": str(error)}, 409)
-            plans = await asyncio.to_thread(self._hub.plans.all)
-            name = requested.get("plan")
-            plan = plans.get(name) if isinstance(name, str) else None
+            plan = await asyncio.to_thread(self._hub.plans.get, requested.get("plan"))
             content = await asyncio.to_thread(probe_devices, self._hub.choice, plan, requested)
         return JSONResponse(content)
 
@@ -145,18 +172,15 @@ class Page:
         try:
             requested = parse_object(await request.body())
         except ValueError:
-            who = request.client.host if request.client else "somebody"
-            self._refusals(who, "filter: no JSON object")
+            self._refusals(client_host(request.scope), "filter: no JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
         if self._pending_filters > _MAX_WAITING:
             words = "too many filters are being checked; wait a moment"
             return JSONResponse({"words": words}, 429)
-        name = requested.get("plan")
         self._pending_filters += 1
         try:
             async with self._setup_lock:
-                plans = await asyncio.to_thread(self._hub.plans.all)
-                plan = plans.get(name) if isinstance(name, str) else None
+                plan = await asyncio.to_thread(self._hub.plans.get, requested.get("plan"))
                 wrong = await asyncio.to_thread(check_filter_changes, plan, requested)
         except InercalError as error:
             return JSONResponse({"words": str(error)}, 400)
@@ -187,8 +211,7 @@ class Page:
         if not (named.isascii() and named.isdigit() and len(named) < 10):
             return await self.not_found(request)
         if self._pending_histories > _MAX_WAITING:
-            who = request.client.host if request.client else "somebody"
-            self._refusals(who, f"history: {_MAX_WAITING} wait to be drawn")
+            self._refusals(client_host(request.scope), f"history: {_MAX_WAITING} wait to be drawn")
             return PlainTextResponse("too many histories are asked for; wait a moment\n", 429)
         self._pending_histories += 1
         try:
@@ -203,20 +226,22 @@ class Page:
 
     async def glossary(self, request: Request) -> Response:
         """Return the page of the terms."""
-        from inercal.report.glossary_page import glossary_page
+        from inercal.report.templates import glossary_page
 
         content = await asyncio.to_thread(glossary_page)
         return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})
 
     async def not_found(self, request: Request, error: Exception | None = None) -> Response:
         """Refuse what there is not."""
-        who = request.client.host if request.client else "somebody"
-        self._refusals(who, f"{request.method} {request.scope['path']}: there is no such thing")
+        self._refusals(
+            client_host(request.scope),
+            f"{request.method} {request.scope['path']}: there is no such thing",
+        )
         return PlainTextResponse("there is no such thing here\n", 404)
 
     async def live(self, websocket: WebSocket) -> None:
         """Tell somebody of the run, and do what they ask."""
-        who = websocket.client.host if websocket.client else "somebody"
+        who = client_host(websocket.scope)
         shown, answer = self._access.viewer(websocket.headers), Response()
         # A page that outlived a server has a cookie of that one, and a program none.
         browser = shown or self._access.issue_viewer(websocket.headers, answer)
@@ -275,11 +300,8 @@ class Page:
                 else:
                     await self._hub.execute(viewer, requested)
             except (InercalError, ValueError) as error:
-                words = (
-                    str(error)
-                    if isinstance(error, InercalError)
-                    else "the message is not a JSON object; send one"
-                )
+                is_said = isinstance(error, InercalError)
+                words = str(error) if is_said else "the message is not a JSON object; send one"
                 self._refusals(who, f"viewer {viewer.number}: {words}")
                 viewer.send("refused", json.dumps({"kind": "refused", "words": words}))
 
@@ -306,7 +328,7 @@ class Page:
             "tables": hub.choice.tables(),
             "imus": hub.choice.imus(),
             "presets": [{"name": p, "protection": read_layout(p).protection} for p in PRESETS],
-            "free": free_space(hub.runs.folder),
+            "free": hub.runs.free_space(),
             "runs": [run.summary for run in hub.runs.all().values()],
         }
 

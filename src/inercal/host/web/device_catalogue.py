@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.host import devices
-from inercal.host.device_description import imu_lines, table_lines
-from inercal.host.devices import SerialPort, list_serial_ports
+from inercal.host.devices import SerialPort, imu_lines, list_serial_ports, table_lines
 from inercal.host.packets import PRESETS
 from inercal.host.tasks import host_plan
 from inercal.host.web.json_objects import JsonObject, as_object
@@ -89,8 +88,7 @@ class DeviceCatalogue:
         if any(simulated):
             raise InputError(
                 "one device is simulated and one is real; choose table and IMU both simulated or "
-                "both "
-                "real",
+                "both real",
                 names=("table", "IMU"),
             )
         clock = (

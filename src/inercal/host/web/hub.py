@@ -2,47 +2,48 @@
 
 import asyncio
 import json
-import shutil
-import signal
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from datetime import datetime
-from os import kill
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
-from inercal.host.options import DEFAULT_OPTIONS, RunOptions
-from inercal.host.run_log import is_locked
-from inercal.host.web.command_relay import NOTE, mounted_line
+from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
-from inercal.host.web.filter_changes import filter_changes, require_filter_changes
-from inercal.host.web.json_objects import JsonObject, as_object
-from inercal.host.web.manual_request import (
-    HALT,
-    ManualRequest,
-    manual_line,
-    start_manual_process,
+from inercal.host.web.json_objects import (
+    JsonObject,
+    ambient_temperature,
+    as_object,
+    printable_line,
 )
-from inercal.host.web.message_history import MessageHistory, is_alarm
-from inercal.host.web.plans import Plan, Plans
+from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
-    PROCESS_RECORD,
+    HALT,
+    NOTE,
+    ManualRequest,
     ProcessRequest,
     RunRequest,
+    manual_line,
+    mounted_line,
     premature_end_message,
-    read_process_record,
 )
 from inercal.host.web.runs import Runs, StoredRun
-from inercal.host.web.viewers import OPERATOR_GRACE, Client, Viewer, Viewers
+from inercal.host.web.viewers import (
+    OPERATOR_GRACE,
+    Client,
+    MessageHistory,
+    Viewer,
+    Viewers,
+    is_alarm,
+)
 
 _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s that a process may take to end that has told its end
 _TIMER_MARGIN = 0.1  # s: a timer may be that early
 _MAX_NOTE = 400  # characters of a note
-_AMBIENT_RANGE = (-90.0, 100.0)  # °C
 _COMMANDS = ("pause", "go on", "abort")
 _MANUAL_COMMANDS = ("begin manual", "manual", "release")
 _OPERATOR_COMMANDS = (
@@ -64,9 +65,7 @@ class Hub:
     options : RunOptions
         Of each run.
     start : callable, optional
-        Starts the process of a run.
-    start_manual : callable, optional
-        Starts the process of a session by hand.
+        Starts the process of a run or of a session by hand.
 
     Attributes
     ----------
@@ -81,15 +80,14 @@ class Hub:
         choice: DeviceCatalogue,
         register: str | None = None,
         options: RunOptions = DEFAULT_OPTIONS,
-        start: Callable[[RunRequest], RunProcess] = RunProcess,
-        start_manual: Callable[[ManualRequest], RunProcess] = start_manual_process,
+        start: Callable[[Any], RunProcess] = RunProcess,
     ):
         self.probe_lock = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
         self.people = Viewers()
         self._stop_executor = ThreadPoolExecutor(1, "stop")
         self._register, self._options = register, options
-        self._start, self._start_manual = start, start_manual
+        self._start = start
         self.run_process: RunProcess | None = None
         self._end_published = False
         self._history: MessageHistory | None = None
@@ -178,7 +176,7 @@ class Hub:
                     )
                 self._dismiss_run()
             case "note":
-                text = _printable_line(asked.get("text"), _MAX_NOTE)
+                text = printable_line(asked.get("text"), _MAX_NOTE)
                 if text is None:
                     raise InputError(
                         f"the note is empty or too long; write 1 to {_MAX_NOTE} printable "
@@ -199,7 +197,7 @@ class Hub:
                 "number and the mounting of the request",
                 key="number",
             )
-        if _printable_line(mounting, _MAX_NAME) is None:
+        if printable_line(mounting, _MAX_NAME) is None:
             raise InputError(
                 "the confirmation names no mounting; send the number and the mounting of the "
                 "request",
@@ -243,7 +241,7 @@ class Hub:
         # All journals are opened to find it: meanwhile the loop hears others, their stop too. The
         # thread is its own: others may wait for a register.
         loop = asyncio.get_running_loop()
-        await loop.run_in_executor(self._stop_executor, self._stop_external_run, name)
+        await loop.run_in_executor(self._stop_executor, self.runs.stop, name)
 
     async def require_no_active_run(self) -> Mapping[str, StoredRun]:
         """Return the runs there are.
@@ -275,46 +273,40 @@ class Hub:
         if self._relay_task is not None:
             await asyncio.wait([self._relay_task], timeout=patience)
 
-    def _stop_external_run(self, name: object) -> None:
-        """Have a run stopped that is not shown."""
-        there = [one for one in self.runs.active_folders() if name in (None, one.name)]
-        if not there:
-            raise InputError("there is no active run to stop; reload the page to see all runs")
-        reached = [_interrupt_process(one) for one in there]
-        if not all(reached):
+    async def _choose(self, asked: JsonObject) -> tuple[ChosenDevices, Plan]:
+        """Return the devices and the plan of a request, once nothing else is active."""
+        chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
+        plan = await asyncio.to_thread(self.plans.get, asked.get("plan"))
+        await self._require_idle()
+        if plan is None:
             raise InputError(
-                "this page cannot stop the run: a terminal controls it; stop it there, or press "
-                "the emergency stop"
+                f"this server has no plan {asked.get('plan')!r}; reload the page and choose from "
+                "its list"
             )
+        if plan.summary["trouble"]:
+            raise InputError(plan.summary["trouble"])
+        return chosen, plan
 
     async def _start_run(self, asked: JsonObject) -> None:
         """Begin a run as asked."""
-        chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
-        plans = await asyncio.to_thread(self.plans.all)
-        await self._require_idle()
-        plan = _chosen_plan(plans, asked.get("plan"))
+        chosen, plan = await self._choose(asked)
         await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
-        _require_room(self.runs.folder, plan.summary["bytes"])
-        self._launch_process(
-            self._run_request(
-                _new_run_folder(self.runs.folder, plan.path.stem), chosen, asked, plan.path
-            )
+        self.runs.require_room(plan.summary["bytes"])
+        self._launch(
+            self._run_request(self.runs.new_folder(plan.path.stem), chosen, asked, plan.path)
         )
 
     async def _begin_manual(self, asked: JsonObject) -> None:
         """Begin to operate the table by hand, within the limits of a plan's [bench]."""
-        chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
-        plans = await asyncio.to_thread(self.plans.all)
-        await self._require_idle()
-        plan = _chosen_plan(plans, asked.get("plan"))
-        folder = _new_run_folder(self.runs.folder, "manual")
+        chosen, plan = await self._choose(asked)
+        folder = self.runs.new_folder("manual")
         with_imu = asked.get("with_imu") is True
         table, imu, clock, simulated = chosen
         order = ManualRequest(
             str(folder.absolute()), str(plan.path.absolute()), self.people.operator or "", table,
             imu if with_imu else "", clock, simulated, crc32(folder.name.encode()), with_imu,
         )  # fmt: skip
-        self._launch(order, lambda: self._start_manual(order))
+        self._launch(order)
 
     async def _resume_run(self, asked: JsonObject) -> None:
         """Go on with an interrupted run as asked."""
@@ -329,7 +321,7 @@ class Hub:
         table, imu = asked.get("table"), asked.get("imu")
         as_before = table is None and imu is None
         chosen = ChosenDevices("", "") if as_before else self.choice.chosen(table, imu)
-        self._launch_process(self._run_request(run.path, chosen, asked, None))
+        self._launch(self._run_request(run.path, chosen, asked, None))
 
     async def _require_idle(self) -> Mapping[str, StoredRun]:
         """Return the runs there are, none of which goes on, while nobody asks the devices."""
@@ -346,7 +338,7 @@ class Hub:
         self, folder: Path, chosen: ChosenDevices, asked: JsonObject, plan: Path | None
     ) -> RunRequest:
         sensor = asked.get("sensor") if plan is not None else None
-        if sensor is not None and (sensor := _printable_line(sensor, _MAX_NAME)) is None:
+        if sensor is not None and (sensor := printable_line(sensor, _MAX_NAME)) is None:
             raise InputError(
                 f"the sensor name is empty or too long; give 1 to {_MAX_NAME} printable characters",
                 key="sensor",
@@ -362,16 +354,13 @@ class Hub:
             self._register,
             self._options.temperature,
             self._options.patience,
-            _ambient_temperature(asked.get("ambient")),
+            ambient_temperature(asked.get("ambient")),
             None if plan is None else filter_changes(asked.get("filter")),
         )
 
-    def _launch_process(self, order: RunRequest) -> None:
-        self._launch(order, lambda: self._start(order))
-
-    def _launch(self, order: ProcessRequest, start: Callable[[], RunProcess]) -> None:
+    def _launch(self, order: ProcessRequest) -> None:
         try:
-            self.run_process = start()
+            self.run_process = self._start(order)
         except OSError as error:
             raise InputError(
                 f"the operating system cannot start the process of the run: {error.strerror}; "
@@ -415,81 +404,6 @@ class Hub:
             operator = people.operator
             text = _message_text("people", viewers=count, operator=operator, yours=yours)
             viewer.send("people", text)
-
-
-def _interrupt_process(folder: Path) -> bool:
-    """Have the process of a page's run in a folder stop it; False where there is none."""
-    # A note that nobody has locked is an old one, its process another's by now.
-    was = read_process_record(folder) if is_locked(folder / PROCESS_RECORD) else None
-    if was is None:
-        return False
-    try:
-        kill(was.process, signal.SIGINT)
-    except ProcessLookupError:
-        pass  # it has ended meanwhile
-    except PermissionError:
-        return False
-    return True
-
-
-def _chosen_plan(plans: Mapping[str, Plan], name: object) -> Plan:
-    """Return the plan of a name; refuse one that does not exist or cannot be used."""
-    plan = plans.get(name) if isinstance(name, str) else None
-    if plan is None:
-        raise InputError(
-            f"this server has no plan {name!r}; reload the page and choose from its list"
-        )
-    if plan.summary["trouble"]:
-        raise InputError(plan.summary["trouble"])
-    return plan
-
-
-def _new_run_folder(runs: Path, stem: str) -> Path:
-    """Return a new name for a folder."""
-    name = f"{stem}-{datetime.now():%Y%m%d-%H%M%S}"
-    result, count = runs / name, 1
-    while result.exists():
-        count += 1
-        result = runs / f"{name}-{count}"
-    return result
-
-
-def free_space(folder: Path) -> int:
-    """Return the bytes that are free on the disk of a folder; 0 where the folder is gone."""
-    try:
-        return shutil.disk_usage(folder).free
-    except OSError:
-        return 0
-
-
-def _require_room(folder: Path, needed: int) -> None:
-    """Refuse a run that the disk has no room for: it would end when the disk is full."""
-    if (free := free_space(folder)) < needed:
-        raise InputError(
-            f"{folder}: the run needs about {needed / 1e6:.0f} MB, and {free / 1e6:.0f} MB are "
-            "free: make room, or serve another folder by --runs",
-            file=folder,
-        )
-
-
-def _printable_line(text: object, most: int) -> str | None:
-    """Return a text that somebody typed, without spaces around it; None where it is none."""
-    if not isinstance(text, str) or not text.isprintable():
-        return None
-    return text.strip() if 0 < len(text.strip()) <= most else None
-
-
-def _ambient_temperature(asked: object) -> float | None:
-    low, high = _AMBIENT_RANGE
-    if asked is None:
-        return None
-    if not isinstance(asked, (int, float)) or isinstance(asked, bool) or not low <= asked <= high:
-        raise InputError(
-            f"the ambient temperature {str(asked)[:40]!r} is not possible; give a number from "
-            f"{low:g} to {high:g} °C",
-            key="ambient",
-        )
-    return float(asked)
 
 
 def _message_text(kind: str, **content: object) -> str:

@@ -4,7 +4,10 @@ import json
 from collections.abc import Mapping
 from typing import Any, cast
 
+from inercal.basics.errors import InputError
+
 JsonObject = Mapping[str, Any]
+_AMBIENT_RANGE = (-90.0, 100.0)  # °C
 
 
 def parse_object(text: str | bytes) -> JsonObject:
@@ -29,3 +32,30 @@ def parse_object(text: str | bytes) -> JsonObject:
 def as_object(value: object) -> JsonObject | None:
     """Return a value that is a JSON object; None for all else."""
     return cast("JsonObject", value) if isinstance(value, Mapping) else None
+
+
+def printable_line(text: object, most: int) -> str | None:
+    """Return a text that somebody typed, without spaces around it; None where it is none."""
+    if not isinstance(text, str) or not text.isprintable():
+        return None
+    return text.strip() if 0 < len(text.strip()) <= most else None
+
+
+def ambient_temperature(asked: object) -> float | None:
+    """Return a temperature of the room, °C, that somebody typed; None where nobody did.
+
+    Raises
+    ------
+    InputError
+        It is none.
+    """
+    low, high = _AMBIENT_RANGE
+    if asked is None:
+        return None
+    if not isinstance(asked, (int, float)) or isinstance(asked, bool) or not low <= asked <= high:
+        raise InputError(
+            f"the ambient temperature {str(asked)[:40]!r} is not possible; give a number from "
+            f"{low:g} to {high:g} °C",
+            key="ambient",
+        )
+    return float(asked)

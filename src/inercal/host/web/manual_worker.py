@@ -19,23 +19,20 @@ from inercal.host.journal import Journal
 from inercal.host.manual.commands import HaltCommand
 from inercal.host.manual.session import ManualSession
 from inercal.host.run_log import os_errors_as_input_errors
-from inercal.host.web.command_relay import NOTE
-from inercal.host.web.manual_request import (
+from inercal.host.web.run_request import (
     END,
     HALT,
     MANUAL,
     MANUAL_JOURNAL,
+    NOTE,
     ManualRequest,
-    parse_manual_line,
-)
-from inercal.host.web.manual_telemetry import ManualTelemetry
-from inercal.host.web.publisher import Publisher
-from inercal.host.web.run_request import (
     SimulationRequest,
     end_message,
+    parse_manual_line,
     write_process_record,
 )
-from inercal.host.web.worker_process import LineReader, serve_request
+from inercal.host.web.telemetry import ManualTelemetry
+from inercal.host.web.worker_process import LineReader, Publisher, serve_request
 from inercal.runfile import read
 
 _PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that the watchdog looks for a table that is gone

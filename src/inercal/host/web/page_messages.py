@@ -13,6 +13,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches.kinds import require_motion_control
+from inercal.benches.motion_control import SpinTask, Task
 from inercal.benches.turntable import require_turntable
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.calibration import Calibration
@@ -20,7 +21,9 @@ from inercal.calibration.grade import GRADE_TONES, GRADE_WORDS, Grade
 from inercal.estimation.scores import chi2_tail_probability
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState
-from inercal.host.tasks import SpinTask, Task, host_plan
+from inercal.host.packets import PacketCounts
+from inercal.host.tasks import host_plan
+from inercal.physics.sensors import Axis
 from inercal.runfile import Run
 
 _SIGNIFICANT_DIGITS = 7
@@ -41,10 +44,7 @@ def plan_message(run: Run) -> dict[str, Any]:
         "axes": list(plan.bench.names),
         "spins": plan.spins,
         "live": run.method.sequential is not None,
-        "channels": [
-            {"name": axis.name, "measures": axis.measures, "unit": axis.readout.unit}
-            for axis in sensor.axes
-        ],
+        "channels": channel_fields(sensor.axes),
         "steps": [
             {"label": one.label, "what": _task_text(one), "seconds": one.seconds}
             for one in plan.tasks
@@ -79,7 +79,6 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
     remaining = run.sequencer.remaining_time(seen.time) if seen is not None else None
     table = None if seen is None else {"axes": [axis_fields(axis) for axis in seen.axes]}
     task, request = run.sequencer.task, run.mounting_request
-    counts = tally.bytes
     return {
         "time": rounded_number(run.time),
         "phase": run.sequencer.phase,
@@ -91,15 +90,12 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
         "table": table,
         "set_rate": _set_rate(task, run.sequencer.phase),
         "mounting": None if request is None else request._asdict(),
-        "imu": {
-            "packets": counts.packets,
-            "lost": counts.lost,
-            "failed": counts.failed,
-            "thrown": counts.discarded,
-            "samples": tally.samples,
-            "no_angle": tally.samples_without_angle,
-            "temperature": rounded_number(run.recorder.temperature - ZERO_CELSIUS, 4),
-        },
+        "imu": imu_fields(
+            tally.bytes,
+            tally.samples,
+            tally.samples_without_angle,
+            rounded_number(run.recorder.temperature - ZERO_CELSIUS, 4),
+        ),
         "live": run.recorder.estimation,
         "attitude": _attitude_fields(run, plan, angles),
     }
@@ -153,6 +149,31 @@ def rounded_number(value: float | None, digits: int = _SIGNIFICANT_DIGITS) -> fl
 def rounded_numbers(values: Sequence[float] | Array) -> list[float | None]:
     """Return many of them."""
     return [rounded_number(float(value)) for value in values]
+
+
+def channel_fields(axes: Sequence[Axis]) -> list[dict[str, str]]:
+    """Return name, quantity and unit of each axis of a sensor."""
+    return [
+        {"name": axis.name, "measures": axis.measures, "unit": axis.readout.unit} for axis in axes
+    ]
+
+
+def imu_fields(
+    counts: PacketCounts,
+    samples: int | None = None,
+    no_angle: int | None = None,
+    temperature: float | None = None,
+) -> dict[str, Any]:
+    """Return what became of what an IMU sent, and its temperature, °C."""
+    return {
+        "packets": counts.packets,
+        "lost": counts.lost,
+        "failed": counts.failed,
+        "thrown": counts.discarded,
+        "samples": samples,
+        "no_angle": no_angle,
+        "temperature": temperature,
+    }
 
 
 def axis_fields(axis: AxisState) -> dict[str, Any]:

@@ -1,5 +1,9 @@
-"""The plans there are to choose from: run files of one folder, and that of the demonstration."""
+"""The plans there are to choose from: run files of one folder, and that of the demonstration.
 
+Parameters of the filters that an operator changes on the page are judged as the run file's are.
+"""
+
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -9,8 +13,9 @@ from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
 from inercal.host.recording_writer import require_recordable
 from inercal.host.tasks import host_plan
+from inercal.host.web.json_objects import JsonObject, as_object
 from inercal.runfile import Run, read
-from inercal.runfile.filter_fields import filter_fields
+from inercal.runfile.filter_fields import FILTER_KEY, filter_errors, filter_fields
 from inercal.runfile.schema import RunSchema
 
 _SECTIONS = frozenset(RunSchema.model_fields)
@@ -56,6 +61,10 @@ class Plans:
             if (plan := self._plan(name, path)) is not None:
                 result[name] = plan
         return result
+
+    def get(self, name: object) -> Plan | None:
+        """Return the plan of a name; None where there is none."""
+        return self.all().get(name) if isinstance(name, str) else None
 
     def _plan(self, name: str, path: Path) -> Plan | None:
         try:
@@ -110,3 +119,54 @@ def _resembles_run_file(path: Path) -> bool:
         return bool(_SECTIONS & read_toml(path).keys())
     except InputError:
         return path.is_file()
+
+
+_MAX_CHANGES, _MAX_TEXT = 32, 40
+
+
+def filter_changes(requested: object) -> Mapping[str, str] | None:
+    """Return the requested changes by key; None where there are none.
+
+    Raises
+    ------
+    InputError
+        No object of short texts.
+    """
+    if requested is None:
+        return None
+    given: Mapping[str, Any] | None = as_object(requested)
+    if given is None or len(given) > _MAX_CHANGES:
+        raise InputError("filter: give an object of parameters and their values", key="filter")
+    for key, text in given.items():
+        if not (isinstance(text, str) and text.isprintable() and len(text) <= _MAX_TEXT):
+            raise InputError(
+                f"filter: {key[:_MAX_TEXT]}: give a text of at most {_MAX_TEXT} characters",
+                key="filter",
+            )
+    return {key: text.strip() for key, text in given.items()} or None
+
+
+def require_filter_changes(plan: Plan, changes: Mapping[str, str] | None) -> None:
+    """Refuse changes that the run file could not state.
+
+    Raises
+    ------
+    InputError
+        With the first key and what is wrong with it.
+    """
+    for key, words in filter_errors(plan.path, changes).items() if changes else ():
+        raise InputError(f"{FILTER_KEY} {key}: {words}".replace(" : ", ": "), key=key)
+
+
+def check_filter_changes(plan: Plan | None, requested: JsonObject) -> dict[str, str]:
+    """Return what is wrong with the requested changes, in words by key.
+
+    Raises
+    ------
+    InputError
+        No plan, or no object of short texts.
+    """
+    if plan is None or plan.summary["trouble"]:
+        raise InputError("choose a plan that can be run", key="plan")
+    changes = filter_changes(requested.get("filter"))
+    return filter_errors(plan.path, changes) if changes else {}

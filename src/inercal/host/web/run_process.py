@@ -24,12 +24,12 @@ class RunProcess:
     ----------
     order : ProcessRequest
     command : sequence of str, optional
-        Starts the process; the worker's unless told.
+        Starts the process; the request's worker unless told.
     """
 
     def __init__(self, order: ProcessRequest, command: tuple[str, ...] = ()):
         self.order = order
-        python = (sys.executable, "-P", "-m", "inercal.host.web.worker")
+        python = (sys.executable, "-P", "-m", order.worker)
         self._process = Popen(command or python, stdin=PIPE, stdout=PIPE, start_new_session=True)
         assert self._process.stdin
         os.set_blocking(self._process.stdin.fileno(), False)

@@ -1,57 +1,50 @@
-"""What a run's process is told, what of it stays in the run's folder, and how its end is told."""
+"""What the process of a run, or of a session by hand, is told, and how its end is told.
+
+A note of the process stays in the run's folder.
+"""
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import tomlkit
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
-from inercal.host.options import DEFAULT_OPTIONS, RunOptions
+from inercal.host.manual.commands import ManualCommand, command_fields, parse_command
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import is_locked, lock_file, os_errors_as_input_errors
+from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
+from inercal.host.web.json_objects import as_object
 from inercal.runfile.filter_fields import changed_section
 
 PROCESS_RECORD = "run.page.json"
+MANUAL_JOURNAL = "manual.journal"
+# Lines to the process begin so; MANUAL and HALT to that of a session, MOUNTED to that of a run.
+NOTE, MOUNTED, MANUAL, HALT, END = "note ", "mounted ", "manual ", "halt ", "abort"
 EndMessage = dict[str, Any]
 
 
-class ProcessRequest(Protocol):
-    """What a process that drives the bench is started by: a run, or a session by hand."""
-
-    @property
-    def name(self) -> str:
-        """What it is called: its folder's name."""
-        ...
-
-    @property
-    def json_line(self) -> str:
-        """The request as a line of JSON."""
-        ...
-
-    @property
-    def premature_state(self) -> str:
-        """Its `state` in the message of an end before its own."""
-        ...
-
-    @property
-    def loss_text(self) -> str:
-        """What happens to the table and to the run where the process is lost."""
-        ...
-
-
 @dataclass(frozen=True)
-class FolderRequest:
-    """The request of a process that keeps a folder; one line of JSON hands it over.
+class ProcessRequest(ABC):
+    """The request of a process that drives the bench; one line of JSON hands it over.
 
     Parameters
     ----------
     folder : str
+        That the process keeps.
+
+    Attributes
+    ----------
+    worker : str
+        The module that carries it out.
     """
+
+    worker: ClassVar[str]
 
     folder: str
 
@@ -64,6 +57,16 @@ class FolderRequest:
     def json_line(self) -> str:
         """The request as a line of JSON."""
         return json.dumps(asdict(self))
+
+    @property
+    @abstractmethod
+    def premature_state(self) -> str:
+        """Its `state` in the message of an end before its own."""
+
+    @property
+    @abstractmethod
+    def loss_text(self) -> str:
+        """What happens to the table and to the run where the process is lost."""
 
     @classmethod
     def from_json(cls, line: str) -> Self:
@@ -89,7 +92,7 @@ class FolderRequest:
 
 
 @dataclass(frozen=True)
-class RunRequest(FolderRequest):
+class RunRequest(ProcessRequest):
     """A run to be begun or to go on.
 
     Parameters
@@ -121,6 +124,8 @@ class RunRequest(FolderRequest):
     filter : mapping of str to str, optional
         Parameters of the filters that the operator has changed, as of `changed_section`.
     """
+
+    worker = "inercal.host.web.worker"
 
     plan: str | None = None
     sensor: str | None = None
@@ -167,6 +172,75 @@ class RunRequest(FolderRequest):
         if self.is_resumable:
             return "; the watchdog brings the table to rest, and the run can be resumed"
         return " before anything moved"
+
+
+@dataclass(frozen=True)
+class ManualRequest(ProcessRequest):
+    """A session by hand to be begun.
+
+    Parameters
+    ----------
+    folder : str
+        Of the session.
+    plan : str
+        The run file whose [bench] states the axes and their limits; none of its steps is done.
+    requested_by : str
+        Who wants it.
+    table, imu, clock : str
+        Addresses; the IMU's is empty where it is not to be read.
+    simulated : str or None
+        Preset of the packets of a bench that is simulated for the session.
+    seed : int
+        Of that bench.
+    with_imu : bool
+        Whether the IMU is read, of a simulated bench too.
+    """
+
+    worker = "inercal.host.web.manual_worker"
+
+    plan: str
+    requested_by: str = ""
+    table: str = ""
+    imu: str = ""
+    clock: str = ""
+    simulated: str | None = None
+    seed: int = 0
+    with_imu: bool = False
+
+    @property
+    def premature_state(self) -> str:
+        """As of `ProcessRequest`."""
+        return "manual"
+
+    @property
+    def loss_text(self) -> str:
+        """As of `ProcessRequest`."""
+        return "; the watchdog brings the table to rest"
+
+
+def mounted_line(number: int, mounting: str, by: str) -> str:
+    """Return the line by which somebody confirms a mounting for the request `number`."""
+    return f"{MOUNTED}{json.dumps([number, mounting, by])}"
+
+
+def manual_line(by: str, command: ManualCommand) -> str:
+    """Return the line that hands the command of an operator to the process."""
+    return f"{MANUAL}{json.dumps({'by': by, 'command': command_fields(command)})}"
+
+
+def parse_manual_line(line: str) -> tuple[str, ManualCommand]:
+    """Return operator and command of a line without its `MANUAL`.
+
+    Raises
+    ------
+    InputError
+        It is none.
+    """
+    try:
+        fields = as_object(json.loads(line)) or {}
+    except ValueError:
+        fields = {}
+    return str(fields.get("by", "")), parse_command(as_object(fields.get("command")) or {})
 
 
 def end_message(order: ProcessRequest, state: str, words: str = "", **more: object) -> EndMessage:

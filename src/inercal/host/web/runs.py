@@ -1,5 +1,9 @@
 """The runs of one folder, whoever made them, and their entry in the register."""
 
+import shutil
+import signal
+from datetime import datetime
+from os import kill
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -7,8 +11,13 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.basics.small_files import read_toml
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
-from inercal.host.web.manual_request import MANUAL_JOURNAL
-from inercal.host.web.run_request import run_in_progress
+from inercal.host.run_log import is_locked
+from inercal.host.web.run_request import (
+    MANUAL_JOURNAL,
+    PROCESS_RECORD,
+    read_process_record,
+    run_in_progress,
+)
 from inercal.laboratory.store import Register
 
 UNREADABLE = "unreadable"  # of a run whose journal cannot be read
@@ -75,6 +84,43 @@ class Runs:
         """Return the folders of active manual sessions."""
         return [one for one in self.active_folders() if (one / MANUAL_JOURNAL).exists()]
 
+    def new_folder(self, stem: str) -> Path:
+        """Return a new name for a folder."""
+        name = f"{stem}-{datetime.now():%Y%m%d-%H%M%S}"
+        result, count = self.folder / name, 1
+        while result.exists():
+            count += 1
+            result = self.folder / f"{name}-{count}"
+        return result
+
+    def free_space(self) -> int:
+        """Return the bytes that are free on the disk; 0 where the folder is gone."""
+        try:
+            return shutil.disk_usage(self.folder).free
+        except OSError:
+            return 0
+
+    def require_room(self, needed: int) -> None:
+        """Refuse a run that the disk has no room for: it would end when the disk is full."""
+        if (free := self.free_space()) < needed:
+            raise InputError(
+                f"{self.folder}: the run needs about {needed / 1e6:.0f} MB, and {free / 1e6:.0f} "
+                "MB are free: make room, or serve another folder by --runs",
+                file=self.folder,
+            )
+
+    def stop(self, name: object) -> None:
+        """Have a run stopped that is not shown, or all of them where `name` is None."""
+        there = [one for one in self.active_folders() if name in (None, one.name)]
+        if not there:
+            raise InputError("there is no active run to stop; reload the page to see all runs")
+        reached = [_interrupt_process(one) for one in there]
+        if not all(reached):
+            raise InputError(
+                "this page cannot stop the run: a terminal controls it; stop it there, or press "
+                "the emergency stop"
+            )
+
     def enter(self, register: str | None) -> list[str]:
         """Put all runs that nobody drives into the register; return in words what fails.
 
@@ -137,3 +183,18 @@ def _sensor_name(run_file: Path) -> str:
         return str(read_toml(run_file, "run file")["sensor"]["name"])
     except (InputError, KeyError, TypeError):
         return ""
+
+
+def _interrupt_process(folder: Path) -> bool:
+    """Have the process of a page's run in a folder stop it; False where there is none."""
+    # A note that nobody has locked is an old one, its process another's by now.
+    was = read_process_record(folder) if is_locked(folder / PROCESS_RECORD) else None
+    if was is None:
+        return False
+    try:
+        kill(was.process, signal.SIGINT)
+    except ProcessLookupError:
+        pass  # it has ended meanwhile
+    except PermissionError:
+        return False
+    return True

@@ -1,11 +1,15 @@
-"""Tells the page of a run what has become of it since it was last told.
+"""Tells the page of a run, or of a session by hand, what has become of it since it was last told.
 
 A sample that is shown is a mean of several where a bench is sped up: more than some hundreds a
 second of the wall's no page can draw.
+
+A session by hand is told in the messages of a run. The plan has no steps and no coefficients;
+`manual` in it has the limits of the axes, in ° and °/s, and what the controller cannot do. In the
+state, `manual` has of each axis the set value and the lamps.
 """
 
 from collections import deque
-from math import ceil, nan
+from math import ceil, degrees, nan, radians
 from time import monotonic
 from typing import Any
 
@@ -13,10 +17,20 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.host.bench_run import BenchRun
+from inercal.host.drivers.rotary_table import AxisLimits, AxisState
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator
+from inercal.host.manual.command_check import LIMIT_MARGIN, AxisTask
+from inercal.host.manual.session import ManualSession
 from inercal.host.web import page_messages
-from inercal.host.web.publisher import Publisher
+from inercal.host.web.page_messages import (
+    axis_fields,
+    channel_fields,
+    imu_fields,
+    rounded_number,
+)
+from inercal.host.web.run_request import ManualRequest
+from inercal.host.web.worker_process import Publisher
 from inercal.runfile import Run
 
 UPDATE_INTERVAL = 0.1  # s of the wall's between two looks at the run
@@ -27,7 +41,36 @@ _INNOVATION_WINDOW = 30.0  # s of the recording over which innovations are judge
 _MAX_EVENTS = 500  # of a run that goes on after an interruption
 
 
-class RunTelemetry:
+class Telemetry:
+    """Tells the page what the journal has heard and what the IMU has sent.
+
+    Parameters
+    ----------
+    publisher : Publisher
+    journal : Journal
+    published_events : int
+        That are told already, or are too old to be told.
+    """
+
+    def __init__(self, publisher: Publisher, journal: Journal, published_events: int = 0):
+        self._publisher, self._journal = publisher, journal
+        self._published_events = published_events
+        self._streams = {"coarse": MeanStream(COARSE_RATE), "samples": MeanStream(FINE_RATE)}
+
+    def publish_events(self) -> None:
+        """Tell what the journal has heard."""
+        for event in self._journal.events(self._published_events):
+            self._published_events += 1
+            self._publisher.publish("event", n=self._published_events, **event._asdict())
+
+    def _publish_samples(self, received: tuple[Array, Array] | None) -> None:
+        if received is not None:
+            for kind, stream in self._streams.items():
+                if (means := stream.take(*received)) is not None:
+                    self._publisher.publish(kind, **page_messages.samples_message(*means))
+
+
+class RunTelemetry(Telemetry):
     """Tells of one run; called with it now and then. All times are s of the run.
 
     Parameters
@@ -39,15 +82,10 @@ class RunTelemetry:
     """
 
     def __init__(self, publisher: Publisher, run: Run, journal: Journal):
-        self._publisher, self._plan, self._journal = publisher, run, journal
-        sensor = run.sensor
+        super().__init__(publisher, journal, max(0, len(journal.events()) - _MAX_EVENTS))
+        self._plan, sensor = run, run.sensor
         self._unit_sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
-        self._published_events = max(0, len(journal.events()) - _MAX_EVENTS)
         self._angles: Array | None = None
-        self._streams = {
-            "coarse": MeanStream(COARSE_RATE),
-            "samples": MeanStream(FINE_RATE),
-        }
         self._estimates_published_at = monotonic()
         self._estimates_time: float = nan
         self._innovations: deque[tuple[float, dict[str, tuple[float, int]]]] = deque()
@@ -60,11 +98,7 @@ class RunTelemetry:
             angles = recorder.blocks.popleft().angles[-1]
             if np.isfinite(angles).all():
                 self._angles = angles
-        received = recorder.assembly.take_received()
-        if received is not None:
-            for kind, stream in self._streams.items():
-                if (means := stream.take(*received)) is not None:
-                    self._publisher.publish(kind, **page_messages.samples_message(*means))
+        self._publish_samples(recorder.assembly.take_received())
         live, start = recorder.live_estimator, recorder.assembly.recording_start
         if live is not None and live.has_estimate and start is not None:
             self._record_innovations(live)
@@ -76,12 +110,6 @@ class RunTelemetry:
         self._publisher.publish(
             "state", **page_messages.state_message(run, self._plan, self._angles)
         )
-
-    def publish_events(self) -> None:
-        """Tell what the journal has heard."""
-        for event in self._journal.events(self._published_events):
-            self._published_events += 1
-            self._publisher.publish("event", n=self._published_events, **event._asdict())
 
     def _record_innovations(self, live: LiveEstimator) -> None:
         """Keep how large innovations were, over a window."""
@@ -144,3 +172,104 @@ class MeanStream:
             return None
         whole = output[: n * k].reshape(n, k, -1).mean(axis=1)
         return time[: n * k].reshape(n, k).mean(axis=1), whole, k
+
+
+# rad from a soft limit at which its lamp is lit: where a jog toward it ends
+_LAMP_MARGIN = LIMIT_MARGIN + radians(0.02)
+
+
+class ManualTelemetry(Telemetry):
+    """Tells of one session; called with it now and then.
+
+    Parameters
+    ----------
+    order : ManualRequest
+    run : Run
+    publisher : Publisher
+    journal : Journal
+    """
+
+    def __init__(self, order: ManualRequest, run: Run, publisher: Publisher, journal: Journal):
+        super().__init__(publisher, journal)
+        self._order, self._run = order, run
+
+    def __call__(self, session: ManualSession) -> None:
+        """Tell what is new."""
+        self.publish_events()
+        self._publish_samples(
+            session.imu.assembly.take_received() if session.imu is not None else None
+        )
+        self._publisher.publish("state", **_state_message(session))
+
+    def publish_plan(self, session: ManualSession) -> None:
+        """Tell what is operated, within which limits."""
+        order, sensor = self._order, self._run.sensor
+        self._publisher.publish(
+            "plan",
+            run=order.name,
+            sensor=sensor.name,
+            plan=self._run.path.name,
+            simulated=order.simulated is not None or bool(order.clock),
+            seconds=0.0,
+            axes=list(session.axes),
+            channels=channel_fields(sensor.axes if session.imu is not None else ()),
+            steps=[],
+            coefficients=[],
+            manual={
+                "limits": [_limit_fields(one) for one in session.limits],
+                "unsupported": dict(session.unsupported),
+            },
+        )
+
+
+def _state_message(session: ManualSession) -> dict[str, Any]:
+    state = session.state
+    axes = () if state is None else state.axes
+    return {
+        "time": rounded_number(session.time),
+        "phase": "manual",
+        "paused": "",
+        "trouble": (session.imu.receiver.trouble or "") if session.imu is not None else "",
+        "done": 0,
+        "remaining": None,
+        "speed": 1.0,
+        "table": None if state is None else {"axes": [axis_fields(axis) for axis in axes]},
+        # No sample is kept; most have no angle, before the axes are homed.
+        "imu": None if session.imu is None else imu_fields(session.imu.assembly.tally.bytes),
+        "live": "none",
+        "attitude": None,
+        "manual": [
+            _manual_fields(axis, limits, task)
+            for axis, limits, task in zip(axes, session.limits, session.tasks, strict=False)
+        ],
+    }
+
+
+def _limit_fields(limits: AxisLimits) -> dict[str, float | None]:
+    return {
+        "rate": rounded_number(degrees(limits.rate)),
+        "low": rounded_number(degrees(limits.low)),
+        "high": rounded_number(degrees(limits.high)),
+    }
+
+
+def _manual_fields(axis: AxisState, limits: AxisLimits, task: AxisTask) -> dict[str, Any]:
+    """Return set values and lamps of an axis.
+
+    The set angle is where it was sent; of one that was sent nowhere it is what the servo follows,
+    the readback and the following error, where the controller tells that.
+    """
+    follows = axis.angle + axis.following_error if axis.enabled else nan
+    is_sent = task.goal == task.goal and task.activity in ("go", "idle")
+    return {
+        "activity": task.activity,
+        "set": rounded_number(degrees(task.goal if is_sent else follows), 9),
+        "set_rate": rounded_number(degrees(task.rate)),
+        "servo": axis.enabled,
+        "homed": axis.homed,
+        "in_position": axis.in_position,
+        "moving": axis.moving,
+        "low": axis.at_low or axis.angle <= limits.low + _LAMP_MARGIN,
+        "high": axis.at_high or axis.angle >= limits.high - _LAMP_MARGIN,
+        "fault": bool(axis.faults),
+    }

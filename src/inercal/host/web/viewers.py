@@ -4,11 +4,16 @@ A viewer answers marks: `{"kind": "mark", "n": 7}` by `{"do": "seen", "n": 7}`. 
 mark behind each batch of messages and sends the next batch once the mark is answered, so that not
 more than one batch waits in the buffers of a slow link, whose sizes nobody knows. What is urgent
 does not wait for the mark. The batch grows while marks are answered at once.
+
+`MessageHistory` has what somebody who comes late is told: how the run stands first, then what was
+before.
 """
 
 import asyncio
+import json
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
+from itertools import islice
 from time import monotonic
 from typing import NamedTuple
 
@@ -18,7 +23,7 @@ _MAX_NAME = 40  # characters
 _MIN_BATCH, _FIRST_BATCH, _MAX_BATCH = 1 << 11, 1 << 12, 1 << 17  # bytes
 _BATCH_TIME = 1.0  # s after which a mark is put where the batch is not full
 _FAST, _SLOW = 0.25, 1.0  # s until a mark is answered
-_MAX_SAMPLES = 100  # messages that wait
+_MAX_SAMPLES = 100  # messages that wait, and are kept: some ten a second
 
 # By kind: of these only the latest counts. The urgent ones wait for no mark.
 _URGENT_LATEST_KINDS = frozenset(("people", "beat"))
@@ -155,19 +160,14 @@ class Viewer:
             self._mark, self._marked_at = self._mark + 1, monotonic()
             return f'{{"kind": "mark", "n": {self._mark}}}'
         # By turns: on a slow link the latest alone would leave no room for what was before.
-        lanes = self._latest_state, self._take_bulk, self._latest_estimates, self._take_bulk
+        lanes = "state", "", "estimates", ""
         for _ in lanes:
-            lane = lanes[self._turn]
+            kind = lanes[self._turn]
             self._turn = (self._turn + 1) % len(lanes)
-            if (text := lane()) is not None:
+            text = self._latest.pop(kind, None) if kind else self._take_bulk()
+            if text is not None:
                 return text
         return None
-
-    def _latest_state(self) -> str | None:
-        return self._latest.pop("state", None)
-
-    def _latest_estimates(self) -> str | None:
-        return self._latest.pop("estimates", None)
 
     def _take_bulk(self) -> str | None:
         """Return the next of news, else of samples or history by turns; a slow link takes means."""
@@ -302,3 +302,93 @@ class Viewers:
         if self._seat is not None and self._seat.number not in self.viewers:
             return self._seat if monotonic() - self._left_at < OPERATOR_GRACE else None
         return self._seat
+
+
+_MAX_ESTIMATES, _MAX_EVENTS = 600, 500
+_EVENTS_TOLD = 20  # in one message
+
+
+class MessageHistory:
+    """The messages of one run that still count, as they came."""
+
+    def __init__(self):
+        self._last: dict[str, str] = {}  # by kind, of which only the latest counts
+        self._phase_is_newest = False
+        self._estimates: list[str] = []
+        self._estimate_count, self._stride = 0, 1
+        self._samples = {kind: deque[str](maxlen=_MAX_SAMPLES) for kind in _SAMPLE_KINDS}
+        self._events: deque[tuple[bool, str]] = deque(maxlen=_MAX_EVENTS)
+
+    def add_message(self, kind: str, text: str) -> None:
+        """Keep a message in so far as it counts."""
+        match kind:
+            case "samples" | "coarse":
+                self._samples[kind].append(text)
+            case "event":
+                self._events.append((is_alarm(text), text))
+            case "estimates":
+                self._thin(text)
+                self._last[kind] = text
+            case _:
+                self._last[kind] = text
+                if kind in ("phase", "state"):
+                    self._phase_is_newest = kind == "phase"
+
+    def present(self) -> Generator[tuple[str, str]]:
+        """Yield kinds and texts of how the run stands and of the last seconds' samples."""
+        order = ("state", "phase") if self._phase_is_newest else ("phase", "state")
+        for kind in ("plan", *order, "done"):
+            if kind in self._last:
+                yield kind, self._last[kind]
+        for alarm, text in self._events:
+            if alarm:
+                yield "alarm", text
+        if "estimates" in self._last:
+            yield "estimates", self._last["estimates"]
+        for kind, texts in self._samples.items():
+            for text in texts:
+                yield kind, text
+
+    def past(self) -> Generator[str]:
+        """Yield what was before, what is seen at once first."""
+        events = _event_messages([text for alarm, text in self._events if not alarm])
+        estimates = list(self._estimates)
+        yield from islice(events, 1)
+        for k in coarse_to_fine(len(estimates)):
+            yield estimates[k]
+        yield from events
+
+    def _thin(self, text: str) -> None:
+        """Keep every so many estimates, evenly over the run."""
+        if self._estimate_count % self._stride == 0:
+            self._estimates.append(text)
+        self._estimate_count += 1
+        if len(self._estimates) >= _MAX_ESTIMATES:
+            self._estimates = self._estimates[::2]
+            self._stride *= 2
+
+
+def is_alarm(event: str) -> bool:
+    """Tell whether an event, as its message, is an alarm."""
+    return json.loads(event).get("level") == "alarm"
+
+
+def coarse_to_fine(count: int) -> Generator[int]:
+    """Yield 0 … count − 1 so that what was yielded covers the whole range evenly at any time.
+
+    >>> list(coarse_to_fine(6))
+    [0, 4, 2, 1, 3, 5]
+    """
+    if count:
+        yield 0
+    step = 1 << max(count - 1, 0).bit_length()
+    while step > 1:
+        yield from range(step // 2, count, step)
+        step //= 2
+
+
+def _event_messages(texts: Sequence[str]) -> Iterator[str]:
+    """Yield messages of many events each, the newest first."""
+    for end in range(len(texts), 0, -_EVENTS_TOLD):
+        some = ", ".join(texts[max(end - _EVENTS_TOLD, 0) : end])
+        yield f'{{"kind": "events", "events": [{some}]}}'

@@ -6,12 +6,372 @@ nobody reads what it tells. SIGINT and SIGTERM stop the table, by the watchdog t
 moves they end the process, and once all is done they are too late.
 """
 
+import json
+import os
 import sys
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from time import sleep
+from typing import Any, Literal
+from urllib.parse import quote
 
-from inercal.host.web.command_relay import CommandRelay
-from inercal.host.web.run_controller import RunController
-from inercal.host.web.run_request import RunRequest
-from inercal.host.web.worker_process import LineReader, serve_request
+from inercal.basics.errors import InercalError
+from inercal.host.addresses import DeviceAddresses, layout_of_address
+from inercal.host.bench_run import BenchRun
+from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator, start_bench_simulator
+from inercal.host.clock import SimulatedClock
+from inercal.host.journal import NOTE_LEVEL, Journal
+from inercal.host.live_estimator import LiveEstimator
+from inercal.host.plan_check import check_plan
+from inercal.host.precompilation import precompile_run
+from inercal.host.registration import RegisterSync
+from inercal.host.run_execution import RunInterrupted, execute_run, finish_run
+from inercal.host.run_folder import JOURNAL, LOG, RunFolder, create_run, reopen_run
+from inercal.host.run_log import read_frames
+from inercal.host.web import page_messages
+from inercal.host.web.run_request import (
+    MOUNTED,
+    NOTE,
+    PROCESS_RECORD,
+    EndMessage,
+    RunRequest,
+    SimulationRequest,
+    changed_run_file,
+    end_message,
+    read_process_record,
+    write_process_record,
+)
+from inercal.host.web.telemetry import UPDATE_INTERVAL, RunTelemetry
+from inercal.host.web.worker_process import LineReader, Publisher, serve_request
+from inercal.laboratory.store import Register
+from inercal.runfile import Run, read
+
+_TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of a simulated bench
+_RunCommand = Literal["pause", "go on", "stop"]
+_COMMANDS: dict[str, _RunCommand] = {
+    "pause": "pause",
+    "go on": "go on",
+    "abort": "stop",
+}
+
+
+class CommandRelay:
+    """Hands on what is asked to the run, once there is one.
+
+    Attributes
+    ----------
+    interruptible : bool
+        A signal ends the process: nothing moves yet, and nothing is written.
+    """
+
+    def __init__(self):
+        self.interruptible = True
+        self._run: BenchRun | None = None
+        self._queue: SimpleQueue[_RunCommand] = SimpleQueue()
+        self._notes: SimpleQueue[str] = SimpleQueue()
+
+    def command(self, words: str) -> None:
+        """Do what `pause`, `go on`, `abort`, a note or `mounted` say, from whichever thread."""
+        if words.startswith(NOTE):
+            self._notes.put(words.removeprefix(NOTE))
+        if words.startswith(MOUNTED) and self._run is not None:
+            self._run.confirm_mounting(*json.loads(words.removeprefix(MOUNTED)))
+        if (what := _COMMANDS.get(words)) is None:
+            return
+        self._queue.put(what)
+        self._forward_commands()
+
+    def take_notes(self) -> list[str]:
+        """Return the notes since the last call, for the thread that has the journal."""
+        notes: list[str] = []
+        with suppress(Empty):
+            while True:
+                notes.append(self._notes.get_nowait())
+        return notes
+
+    def attach(self, run: BenchRun) -> None:
+        """Have a run hear from now on, of signals too until it catches them itself."""
+        self._run, self.interruptible = run, False
+        self._forward_commands()
+
+    def interrupt(self, *_: object) -> None:
+        """Hear a signal that the run does not catch itself, and ask the run, if any, to stop.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Where that harms nothing.
+        """
+        if self.interruptible:
+            raise KeyboardInterrupt
+        if self._run is not None:
+            # A SimpleQueue: this does not wait, whatever the signal interrupts.
+            self._run.request("stop")
+
+    def _forward_commands(self) -> None:
+        if self._run is None:
+            return
+        with suppress(Empty):  # two threads hand on: what one of them sees, the other may have
+            while True:
+                self._run.request(self._queue.get_nowait())
+
+
+class RunController:
+    """One run, from the order to the register, told while it goes on.
+
+    Parameters
+    ----------
+    order : RunRequest
+    publisher : Publisher
+    control : CommandRelay
+    """
+
+    def __init__(self, order: RunRequest, publisher: Publisher, control: CommandRelay):
+        self._order, self._publisher, self._control = order, publisher, control
+        self._folder = Path(order.folder)
+        self._by = order.requested_by or "an operator without a name"
+        self._activity: AbstractContextManager[None] = nullcontext()
+        self._compiled = False
+
+    def execute(self) -> Mapping[str, Any]:
+        """Carry out the run as far as that is possible; return what is told of its end.
+
+        Raises
+        ------
+        InercalError
+            Nothing was begun.
+        """
+        run = self._read_plan()
+        with ExitStack() as opened:
+            bench = _simulation_request(self._order)
+            addresses = self._open_addresses(run, bench, opened)
+            result, journal = self._open_folder(run, addresses)
+            opened.enter_context(journal)
+            with (
+                result.removed_on_failure(PROCESS_RECORD)
+                if self._order.plan is not None
+                else nullcontext()
+            ):
+                opened.callback(os.close, write_process_record(result.path, bench))
+                journal.record_event("info", self._start_text(bench))
+                if self._order.filter and self._order.plan is not None:
+                    journal.record_event("info", self._filter_text(self._order.filter))
+                if self._order.ambient is not None and self._order.plan is not None:
+                    words = f"{self._by}: the ambient temperature is {self._order.ambient:g} °C"
+                    journal.record_event(NOTE_LEVEL, words)
+                ending = _RunFinalizer(self._order, result, journal)
+                teller = RunTelemetry(self._publisher, result.run, journal)
+                told = self._complete_run(result, journal, teller, ending)
+                teller.publish_events()
+                return told
+
+    def _complete_run(
+        self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
+    ) -> Mapping[str, Any]:
+        """Have done what is left of a run; return what is told of its end."""
+        live = None
+        if journal.header().state != "carried out":
+            try:
+                live = self._execute_plan(made, journal, teller, ending)
+            except RunInterrupted as error:
+                return ending.interruption_message(str(error))
+            finally:
+                teller.publish_events()
+        self._control.interruptible = False
+        self._record_notes(journal)
+        self._publish_phase("finishing: recording, calibration, report")
+        return ending.complete_run(live)
+
+    def _read_plan(self) -> Run:
+        """Return the run file that is wanted, and tell what is in it."""
+        order, clock = self._order, self._order.clock
+        if order.plan is not None:
+            run = read(order.plan)
+        else:
+            with Journal(self._folder / JOURNAL) as journal:
+                was = journal.header()
+            run, clock = read(self._folder / was.run_file), clock or was.clock
+        told = page_messages.plan_message(run) | {"run": order.name}
+        told["simulated"] = _simulation_request(order) is not None or bool(clock)
+        told["sensor"] = order.sensor or told["sensor"]
+        self._publisher.publish("plan", **told)
+        return run
+
+    def _open_addresses(
+        self, run: Run, wanted: SimulationRequest | None, opened: ExitStack
+    ) -> DeviceAddresses:
+        order = self._order
+        if wanted is None:
+            return DeviceAddresses(order.table, order.imu, order.clock)
+        self._publish_phase(STARTUP_MESSAGE)
+        bench = opened.enter_context(start_bench_simulator(run, wanted.seed, wanted.preset))
+        self._compiled = True
+        if order.plan is None:
+            _advance_past_log(bench, self._folder)
+        if order.speed is None:
+            self._activity = bench.run_context()
+        return bench.addresses
+
+    def _open_folder(self, run: Run, addresses: DeviceAddresses) -> tuple[RunFolder, Journal]:
+        """Return the run's folder and its journal, both made if need be."""
+        order = self._order
+        if order.plan is None:
+            return reopen_run(self._folder, addresses)
+        content = changed_run_file(run.path, order.sensor, order.filter)
+        warnings = check_plan(run)
+        made, journal = create_run(self._folder, run, addresses, content=content)
+        for words in warnings:
+            journal.record_event("warning", words)
+        return made, journal
+
+    def _execute_plan(
+        self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
+    ) -> LiveEstimator | None:
+        """Have the plan carried out, or what is left of it; return what was found meanwhile."""
+        was = journal.header()
+        if not self._compiled:
+            self._publish_phase("compiling what a run needs, once on each machine")
+            precompile_run(made.run, layout_of_address(was.imu))
+        self._publish_phase("connecting to table and IMU")
+
+        def show(run: BenchRun) -> None:
+            self._record_notes(journal, run.time)
+            teller(run)
+            if run.pause_reason and was.clock:
+                sleep(UPDATE_INTERVAL)  # a simulated bench has no reason to hurry while it waits
+
+        def beside(run: BenchRun) -> AbstractContextManager[None]:
+            self._control.attach(run)
+            return self._activity
+
+        options, background_work = self._order.options, ending.register_sync.background_work
+        run = execute_run(made, journal, options, show, UPDATE_INTERVAL, beside, background_work)
+        return run.recorder.live_estimator
+
+    def _record_notes(self, journal: Journal, time: float | None = None) -> None:
+        for words in self._control.take_notes():
+            journal.record_event(NOTE_LEVEL, words, time)
+
+    def _publish_phase(self, words: str) -> None:
+        self._publisher.publish("phase", run=self._order.name, words=words)
+
+    def _filter_text(self, changes: Mapping[str, str]) -> str:
+        listed = "; ".join(f"{key} {text or 'as by default'}" for key, text in changes.items())
+        return f"{self._by} has set on the page: {listed}"
+
+    def _start_text(self, bench: SimulationRequest | None) -> str:
+        what = "begun" if self._order.plan is not None else "resumed"
+        words = f"{what} from the page by {self._by}"
+        return words if bench is None else f"{words}; simulated bench, seed {bench.seed}"
+
+
+class _RunFinalizer:
+    """The end of one run.
+
+    A register that cannot be reached is said and ends nothing: the server enters all its runs when
+    it is started next, so that none is lost.
+
+    Parameters
+    ----------
+    order : RunRequest
+    made : RunFolder
+    journal : Journal
+    """
+
+    def __init__(self, order: RunRequest, made: RunFolder, journal: Journal):
+        self._order, self._folder, self._journal = order, made, journal
+        self._register: Register | None = None
+        try:
+            self._register = Register(order.register, order.requested_by or None)
+        except InercalError as error:
+            journal.record_event("warning", f"the run is not in the register: {error}")
+        self.register_sync = RegisterSync(self._register, made.path)
+
+    def interruption_message(self, words: str) -> EndMessage:
+        """Return what is told of a run that may go on later."""
+        return end_message(
+            self._order, "interrupted", words or "interrupted", history=self._enter_in_register()
+        )
+
+    def complete_run(self, live: LiveEstimator | None) -> EndMessage:
+        """Make recording, calibration and report; return what is told of them."""
+        sensor = self._folder.run.sensor.name
+        try:
+            outcome, _ = finish_run(
+                self._folder, self._journal, live, lambda: self.register_sync.history(sensor)
+            )
+        except InercalError as error:
+            self._journal.record_event("alarm", str(error))
+            return end_message(
+                self._order, "carried out", str(error), history=self._enter_in_register()
+            )
+        name = quote(self._order.name, safe="")
+        links = {what: f"/runs/{name}/{what}" for what in ("report", "calibration")}
+        verdict = {
+            "level": outcome.verdict.tone,
+            "words": outcome.verdict.word,
+            "reasons": list(outcome.verdict.reasons),
+        }
+        words = outcome.verdict.lines[0]
+        return end_message(
+            self._order,
+            "done",
+            words,
+            history=self._enter_in_register(),
+            verdict=verdict,
+            final=page_messages.final_estimates(outcome.calibration),
+            **links,
+        )
+
+    def _enter_in_register(self) -> str | None:
+        """Enter the run as it is; return where its sensor's history is, if it has one."""
+        self.register_sync.update()
+        if self.register_sync.trouble:
+            self._journal.record_event("warning", self.register_sync.trouble)
+        if self.register_sync.trouble or self._register is None:
+            return None
+        try:
+            sensor = self._register.sensor(self._folder.run.sensor.name)
+        except InercalError:
+            return None
+        return f"/history/{sensor.id}" if sensor.calibrations else None
+
+
+def _simulation_request(order: RunRequest) -> SimulationRequest | None:
+    """Return the bench that is to be simulated; None where none is.
+
+    A run that goes on has the bench that it had.
+    """
+    note = read_process_record(Path(order.folder)) if order.plan is None else None
+    was = note.simulated if note is not None else None
+    if order.simulated is None:
+        return None if order.table or order.imu else was
+    return SimulationRequest(order.simulated, was.seed if was is not None else order.seed)
+
+
+def _advance_past_log(bench: BenchSimulator, folder: Path) -> None:
+    """Let pass the time that the log of a run has, as if the bench had gone on meanwhile.
+
+    Raises
+    ------
+    InputError
+        A log that is damaged.
+    LinkLost
+        The bench has ended.
+    """
+    log = folder / LOG
+    if not log.exists() or bench.clock is None:
+        return
+    until = max((frame.time for frame in read_frames(log)), default=0.0) + _TIME_MARGIN
+    clock = SimulatedClock(bench.clock)
+    now = clock.now()
+    while now < until:
+        now = min(now + _TIME_STEP, until)
+        clock.begin(now)
+        clock.end()
+    clock.close()
 
 
 def main() -> int:

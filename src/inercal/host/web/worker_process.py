@@ -2,18 +2,125 @@
 
 The first line of standard input is the request; commands follow, one a line. Messages go to
 standard output, the last of them is the end.
+
+What it tells the server are JSON lines, written by a thread that alone waits for the reader. A line
+is the kind of the message, a space, and the message, so that the server need not read it. A
+reader that is slow misses pictures; one that is gone is told nothing any more. Neither keeps the
+run waiting.
 """
 
+import json
 import os
 import signal
 import sys
+from collections import deque
 from collections.abc import Callable, Mapping
-from threading import Thread
-from typing import Any, TypeVar
+from threading import Condition, Thread
+from time import monotonic
+from typing import Any, Generic, TypeVar
 
 from inercal.basics.errors import InercalError
-from inercal.host.web.publisher import Publisher
+from inercal.host.closeable import Closeable
 from inercal.host.web.run_request import ProcessRequest, premature_end_message
+
+# Of these kinds later messages say what earlier ones did.
+DROPPABLE_KINDS = frozenset(("state", "samples", "coarse", "estimates"))
+_MAX_DROPPABLE = 64  # messages of these kinds that wait
+T = TypeVar("T")
+
+
+class DroppingQueue(Generic[T]):
+    """A queue in order, of which the oldest droppable items are dropped where nobody takes them.
+
+    Parameters
+    ----------
+    max_droppable : int
+        Droppable items that wait.
+    """
+
+    def __init__(self, max_droppable: int = _MAX_DROPPABLE):
+        self._max_droppable, self._droppable_count = max_droppable, 0
+        self._waiting: deque[tuple[bool, T]] = deque()
+
+    def put(self, one: T, *, must_keep: bool) -> None:
+        """Have an item wait; one that must not be kept is droppable."""
+        self._waiting.append((must_keep, one))
+        self._droppable_count += not must_keep
+        if self._droppable_count > self._max_droppable:
+            oldest = next(i for i, (stays, _) in enumerate(self._waiting) if not stays)
+            del self._waiting[oldest]
+            self._droppable_count -= 1
+
+    def take(self) -> T | None:
+        """Return what has waited longest; None where nothing does."""
+        if not self._waiting:
+            return None
+        must_keep, one = self._waiting.popleft()
+        self._droppable_count -= not must_keep
+        return one
+
+
+class Publisher(Closeable):
+    """Writes messages to a descriptor; as a context manager it closes with the context.
+
+    Parameters
+    ----------
+    descriptor : int
+        Written to, and left open.
+    """
+
+    def __init__(self, descriptor: int):
+        self._descriptor = descriptor
+        self._queue: DroppingQueue[tuple[str, Mapping[str, object]]] = DroppingQueue()
+        self._changed = Condition()
+        self._closed = self._written = False
+        Thread(target=self._write, name="publisher", daemon=True).start()
+
+    def publish(self, kind: str, **content: object) -> None:
+        """Have a message written, if somebody reads; never waits."""
+        with self._changed:
+            if not self._closed:
+                self._queue.put((kind, content), must_keep=kind not in DROPPABLE_KINDS)
+                self._changed.notify_all()
+
+    def close(self, patience: float = 5.0) -> None:
+        """Wait until all is written, or `patience` s; a second time does nothing."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+            end = monotonic() + patience
+            while not self._written and (left := end - monotonic()) > 0:
+                self._changed.wait(left)
+
+    def _write(self) -> None:
+        unsaid = set[str]()
+        while (message := self._next_message()) is not None:
+            kind, content = message
+            try:
+                told = json.dumps({"kind": kind, **content}, ensure_ascii=False, allow_nan=False)
+                line = f"{kind} {told}\n".encode()
+            except (TypeError, ValueError) as error:
+                # NaN, or half a surrogate pair: those that follow are to be told still.
+                if kind not in unsaid:
+                    unsaid.add(kind)
+                    words = f"a message of kind {kind!r} could not be sent"
+                    print(f"inercal: {words}: {error}", file=sys.stderr, flush=True)
+                continue
+            try:
+                while line:
+                    line = line[os.write(self._descriptor, line) :]
+            except OSError:  # nobody reads any more
+                break
+        with self._changed:
+            self._closed = self._written = True
+            self._changed.notify_all()
+
+    def _next_message(self) -> tuple[str, Mapping[str, object]] | None:
+        with self._changed:
+            while (message := self._queue.take()) is None and not self._closed:
+                self._changed.wait()
+            return message
+
 
 _MAX_LINE = 1 << 16  # bytes of a line
 R = TypeVar("R", bound=ProcessRequest)

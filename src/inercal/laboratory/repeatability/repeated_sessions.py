@@ -28,9 +28,9 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.estimation.uncertainty.components import scatter_limits
 from inercal.estimation.uncertainty.conformity import expanded_uncertainty
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.estimation.uncertainty.scatter_limits import scatter_limits
 from inercal.laboratory.repeatability.effects import (
     NamedEffect,
     Owner,
@@ -282,4 +282,4 @@ def _component(fit: SessionFit, k: int) -> ScatterComponent:
     effect, variances = fit.effects[k], fit.variances
     dof = effect.similar * (effect.effect.levels - 1)
     limits = scatter_limits(float(variances.variance[k]), float(variances.covariance[k, k]), dof)
-    return ScatterComponent(effect, *limits, dof)
+    return ScatterComponent(effect, limits.sd, limits.low, limits.high, dof)

@@ -17,10 +17,17 @@ the change that would repair each. No row is changed: only the user has the orig
 
 Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021 (the observation);
 IEEE Std 836 (the bench); `ml` is ours.
+
+**Plans for the arm: attitudes at several rates, whole turns each.**
+
+Norms determine an axis's coefficients by readings of both signs on it. In the twenty positions of
+Wang and Li 2021 ψ covers half a circle, and y never senses the arm from behind; on a full circle
+the worst coefficient is known seven times as well from as many dwells.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import pi, radians
 
 import numpy as np
 
@@ -29,21 +36,26 @@ from inercal.basics.keys import CoefficientName
 from inercal.benches.centrifuge.arm_motion import specific_force_norm
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
-from inercal.estimation import Estimate, Gaussian, least_squares
+from inercal.estimation import Estimate, least_squares
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import estimator_inputs, solving
-from inercal.methods._base import Fit, Method, Remarks
+from inercal.methods import Fit, Method, Priors, Remarks, estimator_inputs, solving
 from inercal.methods.centrifuge_norm import closed_formulas
-from inercal.methods.centrifuge_norm.arm_plans import plan
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
-from inercal.methods.centrifuge_norm.problems import exact_bench_norm_problem, norm_problem, problem
+from inercal.methods.centrifuge_norm.problems import (
+    Plan,
+    exact_bench_norm_problem,
+    norm_problem,
+    problem,
+)
 from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
-from inercal.physics.plan import Spin
+from inercal.physics.plan import Attitude, Spin, arm_attitude
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations
 
+RATES = (2 * pi, 4 * pi, 6 * pi)
+TURNS = 10
 SIGN_NOTE = (
     "norms show neither a reversed axis, whose k0 and k2 only change sign, nor two exchanged axes: "
     "compare the sign of each axis with its attitude in one dwell"
@@ -54,12 +66,62 @@ LEVER_ARM_NOTE = (
 )
 
 
+def half_circle() -> tuple[Attitude, ...]:
+    """Return the twenty positions of the source: ψ = 0 … 180° by 45°, θ = 0 … 180° by 60°."""
+    return tuple(arm_attitude(radians(45 * i), radians(60 * j)) for i in range(5) for j in range(4))
+
+
+def full_circle() -> tuple[Attitude, ...]:
+    """Return twenty positions on the full circle: ψ by 72° from 10°, θ = 20°, 110°, 200°, 290°."""
+    return tuple(
+        arm_attitude(radians(10 + 72 * i), radians(theta))
+        for i in range(5)
+        for theta in (20, 110, 200, 290)
+    )
+
+
+ATTITUDES = {"full-circle": full_circle, "half-circle": half_circle}
+
+
+def plan(
+    attitudes: str = "full-circle", rates: Sequence[float] = RATES, turns: int = TURNS
+) -> tuple[Spin, ...]:
+    """Return the dwells, attitude by attitude within each rate.
+
+    Parameters
+    ----------
+    attitudes : "full-circle" or "half-circle"
+    rates : sequence of float
+        rad/s, positive in the sense of the bench.
+    turns : int
+        Whole turns that each dwell is averaged over.
+
+    Raises
+    ------
+    InputError
+        Unknown attitudes, no rate, or a rate of zero.
+    """
+    if attitudes not in ATTITUDES:
+        raise InputError(
+            f"attitudes {attitudes!r} are unknown; choose {' or '.join(ATTITUDES)}",
+            key="attitudes",
+            names=(attitudes,),
+        )
+    if not rates or not all(rates):
+        raise InputError(
+            "rates must hold at least one rate, and no rate of 0: at rest there is no dwell on the "
+            "arm",
+            key="rates",
+        )
+    return tuple(
+        Spin(f"p{k:02d}_r{j}", rate, 2 * pi * turns / abs(rate), attitude)
+        for j, rate in enumerate(rates, start=1)
+        for k, attitude in enumerate(ATTITUDES[attitudes](), start=1)
+    )
+
+
 def ml(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the sensor's coefficients and the bench's nuisances by maximum likelihood.
 
@@ -99,8 +161,8 @@ def _attitude_gain_note(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian],
+    steps: Plan,
+    priors: Priors,
 ) -> str:
     """Return the note on what the attitudes gain over norms, by the uncertainties as modelled."""
     try:
@@ -156,8 +218,8 @@ class ClosedFormulas:
         observations: Observations,
         sensor: Sensor,
         bench: Centrifuge,
-        steps: Sequence[Spin],
-        priors: Sequence[Gaussian] = (),
+        steps: Plan,
+        priors: Priors = (),
     ) -> Estimate:
         """Return the estimate; arguments as of `ml`.
 
@@ -169,9 +231,7 @@ class ClosedFormulas:
         NotObserved
             Dwells that leave the regression short of rank.
         """
-        estimator_inputs.refuse_priors(priors, self.name, "ml")
-        estimator_inputs.refuse_temperature_terms(sensor, self.name, "ml")
-        estimator_inputs.require_single_recording(observations, f"estimator {self.name}")
+        estimator_inputs.require_plain_means(observations, sensor, priors, self.name, "ml")
         mean = observations.mean
         singular = closed_formulas.regression_singular_values(sensor, mean, self.name)
         declared = bench.acting_parameters(steps, vectors=False)

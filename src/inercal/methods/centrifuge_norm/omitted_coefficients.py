@@ -6,7 +6,6 @@ tried: a coefficient is named if the rows scatter far less with it, or far fewer
 Then a second coefficient may be added.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,15 +13,15 @@ import numpy as np
 from inercal.basics.errors import NotObserved
 from inercal.basics.run_file_advice import Change
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.estimation import Gaussian, least_squares
+from inercal.estimation import least_squares
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
-from inercal.methods.centrifuge_norm.problems import norm_problem
+from inercal.methods import Priors
+from inercal.methods.centrifuge_norm.problems import Plan, norm_problem
 from inercal.methods.centrifuge_norm.screening import (
     START_ITERATIONS,
     Agreement,
     row_agreement,
 )
-from inercal.physics.plan import Spin
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -79,11 +78,7 @@ class OmittedCoefficients:
 
 
 def find_omitted_coefficients(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> OmittedCoefficients:
     """Return the coefficients that explain why the rows scatter; arguments as of `screen_rows`.
 
@@ -125,8 +120,8 @@ def _ranked_groups(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian],
+    steps: Plan,
+    priors: Priors,
     agreement: Agreement,
 ) -> list[str]:
     """Return the groups that the sensor lacks, in descending order of their score tests."""

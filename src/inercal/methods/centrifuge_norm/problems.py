@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
 from inercal.benches.centrifuge.arm_motion import (
@@ -25,15 +25,11 @@ from inercal.benches.centrifuge.arm_motion import (
     specific_force_norm,
 )
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.estimation import Candidate, Gaussian, Problem
+from inercal.estimation import Candidate, Problem
 from inercal.estimation.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.estimation.problem import NormalEquations
-from inercal.methods import candidates, mean_problem, temperature
-from inercal.methods.centrifuge_norm.rotation_gauge import (
-    gauges,
-    require_gauge,
-    rotation_null_directions,
-)
+from inercal.methods import Priors, candidates, mean_problem, temperature
+from inercal.methods.centrifuge_norm import rotation_gauge
 from inercal.methods.mean_problem import Unknowns
 from inercal.methods.residuals import (
     NoisyNormResiduals,
@@ -43,22 +39,19 @@ from inercal.methods.residuals import (
     norm_residuals,
 )
 from inercal.methods.residuals.term_table import term_table
-from inercal.methods.row_comparison import RowComparison
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.recordings import Observations
+
+Plan = Sequence[Spin]
 
 _Result = TypeVar("_Result")
 _COMPARED = 16  # trials
 
 
 def problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> Problem:
     """Return the problem of `ml`: by vectors where the bench knows its attitudes, else by norms."""
     build = norm_problem if bench.indexing is None else vector_problem
@@ -66,11 +59,7 @@ def problem(
 
 
 def norm_problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> Problem:
     """Return the problem of norms alone; arguments as of `inercal.methods.centrifuge_norm.ml`.
 
@@ -84,7 +73,7 @@ def norm_problem(
     InputError
         Lever arms, with a step of unknown attitude.
     """
-    require_gauge(sensor, priors)
+    rotation_gauge.require_gauge(sensor, priors)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     declared = bench.acting_parameters(steps, vectors=turning)
     built = _ungauged_norm_problem(observations, sensor, bench, steps, declared, priors)
@@ -111,15 +100,13 @@ def norm_problem(
 
     return replace(
         built,
-        gauges=gauges(sensor),
-        known_nulls=rotation_null_directions(sensor, len(built.names)),
+        gauges=rotation_gauge.gauges(sensor),
+        known_nulls=rotation_gauge.rotation_null_directions(sensor, len(built.names)),
         candidates=all_candidates,
     )
 
 
-def _lever_arm_candidates(
-    built: Problem, sensor: Sensor, steps: Sequence[Spin], x: Array
-) -> list[Candidate]:
+def _lever_arm_candidates(built: Problem, sensor: Sensor, steps: Plan, x: Array) -> list[Candidate]:
     """Return lever arms along the axes, in unknown attitudes.
 
     An arm l along an axis adds −ω² l (1 − v²) to its reading, v the component of the vertical along
@@ -134,22 +121,16 @@ def _lever_arm_candidates(
         return []
     up = jacobian[:, [built.names.index(name) for name in full]]
     columns = -(rates[:, None] ** 2) * up * (1 + up**2) / 2
-    names = tuple(f"{axis.name}.arm_i" for axis in sensor.axes)
     line = next(line for line in TABLES["f"] if line.name == "arm_i")
-
-    def candidate(name: str, chosen: list[int]) -> Candidate:
-        members = tuple(names[k] for k in chosen)
-        units = (SI_UNITS[line.unit],) * len(chosen)
-        largest = np.full(len(chosen), line.largest)
-        rows = columns[:, chosen]
-        return Candidate(name, "coefficient", members, units, rows, largest=largest)
-
-    every = list(range(len(names)))
-    return [candidate("arm_i", every), *(candidate(names[k], [k]) for k in every)]
+    arms = [
+        candidates.Column(f"{axis.name}.arm_i", SI_UNITS[line.unit], rows, line.largest)
+        for axis, rows in zip(sensor.axes, columns.T, strict=True)
+    ]
+    return candidates.together_and_alone("coefficient", [("arm_i", arms)])
 
 
 def exact_bench_norm_problem(
-    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan
 ) -> Problem:
     """Return the problem of norms with the bench taken as exact: the readings' noise alone."""
     exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
@@ -159,7 +140,7 @@ def exact_bench_norm_problem(
 
 
 def _extended_sensor(
-    sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin], *, temperature_varies: bool
+    sensor: Sensor, bench: Centrifuge, steps: Plan, *, temperature_varies: bool
 ) -> Sensor:
     """Return the sensor with all coefficients that norms can show, those of `sensor` first.
 
@@ -192,24 +173,16 @@ def _ungauged_norm_problem(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Sequence[Spin],
+    steps: Plan,
     declared: Mapping[str, Parameter],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
 ) -> Problem:
-    """Return the problem of norms for any coefficients, without gauges."""
-    return mean_problem.build_problem(
-        sensor,
-        declared,
-        lambda unknowns: _compare_norms(unknowns, observations, bench, steps),
-        priors,
-    )
+    """Return the problem of norms for any coefficients, without gauges.
 
-
-def _compare_norms(
-    unknowns: Unknowns, observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
-) -> RowComparison:
-    """Compare the norm of each row's specific force with that which the arm makes."""
-    p, sensor, loose = unknowns.p, unknowns.sensor, unknowns.nuisances
+    The norm of each row's specific force is compared with that which the arm makes.
+    """
+    unknowns = Unknowns(sensor, declared)
+    p, loose = unknowns.p, unknowns.nuisances
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     shared = _same_dwell_rows(observations, bench, steps)
     warmth = temperature.row_offsets(observations, sensor)
@@ -281,9 +254,9 @@ def _compare_norms(
 
     normal_equations = None if correlated or table is None else norm_equations
 
-    def relative_size(x: Array) -> float:
+    def relative_size() -> float:
         # A norm of tens of g is rounded at a millionth of its uncertainty.
-        lead = observations.trial_shape
+        x, lead = unknowns.start, observations.trial_shape
         if normal_equations is not None and lead > (QR_MAX_TRIALS,):
             # Trials differ little in this ratio, unless their noise differs.
             alike = covariance.ndim == 3 or len(covariance) == 1
@@ -294,19 +267,18 @@ def _compare_norms(
         result, _, seen = compared(x)
         return float(np.max(result.norm / np.sqrt(seen.variance)))
 
-    return RowComparison(
+    return unknowns.problem(
         linearise,
         noise,
-        correlated,
         observations.labels,
-        relative_size,
-        normal_equations,
+        priors,
+        relative_size(),
+        correlated=correlated,
+        normal_equations=normal_equations,
     )
 
 
-def _same_dwell_rows(
-    observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
-) -> NDArray[np.bool_] | None:
+def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Plan) -> Bools | None:
     """Return which rows share a dwell, (r, r); None where no error of a dwell is shared."""
     if not (bench.dwell_rate or bench.dwell_tilt):
         return None
@@ -317,11 +289,7 @@ def _same_dwell_rows(
 
 
 def vector_problem(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
 ) -> Problem:
     """Return the problem of vectors in known attitudes; arguments as of `norm_problem`.
 
@@ -350,7 +318,7 @@ def vector_problem(
         lambda q: sensed_motion(bench, steps, q),
         priors,
         dwell_covariance=dwells if own else None,
-        gauges=gauges(sensor),
+        gauges=rotation_gauge.gauges(sensor),
         with_drift_candidate=True,
         families=_nonorthogonality_family(sensor)
         | {"misalignment": sensor.with_coefficients("misalignment").coefficients},

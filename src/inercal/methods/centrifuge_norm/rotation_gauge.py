@@ -5,20 +5,19 @@ combinations are therefore free: a rotation by ρ turns axis i about its O by ρ
 by ρ·P_i. Their sums over the axes are zero where the matrix of the misalignments is symmetric.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
-from inercal.estimation import Gauge, Gaussian
+from inercal.estimation import Gauge
+from inercal.methods import Priors
 from inercal.physics.sensors import Sensor
 
 _ROTATION = "rotation of the triad"
 
 
-def require_gauge(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+def require_gauge(sensor: Sensor, priors: Priors) -> None:
     """Refuse rotations of the triad, which norms do not observe.
 
     In the reference form they act on norms through the nonlinear terms alone, which bend along

@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.estimation import Cauchy, Estimate, Gaussian, Problem, least_squares
+from inercal.estimation import Cauchy, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
-from inercal.methods.centrifuge_norm.problems import norm_problem
+from inercal.methods import Priors
+from inercal.methods.centrifuge_norm.problems import Plan, norm_problem
 from inercal.methods.estimator_inputs import require_single_recording
-from inercal.physics.plan import Spin
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -108,8 +108,8 @@ def screen_rows(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
     agreement: "Agreement | None" = None,
 ) -> tuple[SuspectRow, ...]:
     """Return the rows that violate the norm, in their order.

@@ -16,7 +16,6 @@ count as a measurement of them: what is observed is judged at the nominal sensor
 Source: CN101852817A (Harbin Institute of Technology, 2010), step 3, rebuilt from the physics.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,10 +27,10 @@ from inercal.basics.keys import CoefficientName
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.passes import drift_ramps, first_visit_rows
 from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
-from inercal.methods import candidates
+from inercal.methods import Priors, candidates
+from inercal.methods.dividing_head_problem import Plan
 from inercal.methods.mean_problem import ROUNDING
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -126,8 +125,8 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Sequence[Index],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Problem:
     """Return the problem of g² at every position.
 
@@ -227,9 +226,7 @@ def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
     return (Gauge("no common mounting angle", MOUNTING_ANGLES, np.ones((1, 2)), np.zeros(1)),)
 
 
-def require_determined(
-    sensor: Sensor, bench: DividingHead, steps: Sequence[Index], priors: Sequence[Gaussian]
-) -> None:
+def require_determined(sensor: Sensor, bench: DividingHead, steps: Plan, priors: Priors) -> None:
     """Refuse coefficients that g² and the priors leave free at the nominal sensor.
 
     Raises
@@ -260,12 +257,12 @@ def with_prior_advice(error: NotObserved) -> NotObserved:
     return NotObserved(f"{error}; {advice}", error.directions, names=error.names)
 
 
-def centred_priors(priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
+def centred_priors(priors: Priors) -> tuple[Gaussian, ...]:
     """Return the priors about the nominal sensor."""
     return tuple(replace(prior, mean=np.zeros(len(prior.names))) for prior in priors)
 
 
-def require_enough_positions(sensor: Sensor, steps: Sequence[Index]) -> None:
+def require_enough_positions(sensor: Sensor, steps: Plan) -> None:
     """Refuse positions too few for g² of two accelerometers, with any priors.
 
     Raises

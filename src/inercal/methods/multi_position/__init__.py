@@ -16,38 +16,53 @@ omits are tested with the noise before anything is added
 
 Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
 Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rotations between rests).
+
+**The gyros' delay against the accelerometers, from the way between rests.**
+
+Gravity's direction u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u,
+and the specific force is ahead of g u by τ g u × ω. Each transition gives the τ of its best fit.
+The hand's acceleration changes these values independently, so their scatter gives the uncertainty.
+
+**Advice on how to improve a multi_position result.**
 """
 
-from collections.abc import Sequence
+# pyright: reportMissingTypeStubs=false
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy
 
-from inercal.basics.errors import InputError
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.run_file_advice import Change
+from inercal.basics.units import Measured, format_value_and_uncertainty
 from inercal.benches import Hand
-from inercal.calibration.forms import Frame
-from inercal.estimation import Estimate, Gaussian
+from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
-from inercal.methods._base import Fit, Method, Remarks
-from inercal.methods.multi_position.advice import advice, g_sensitivity_findings, gravity_notes
-from inercal.methods.multi_position.attitude_coverage import hand_held_plan
-from inercal.methods.multi_position.coverage_requirements import require_coverage
-from inercal.methods.multi_position.rest_observations import Rests
-from inercal.methods.multi_position.stages import (
-    FitStage,
-    fit_accelerometers,
-    fit_gyros,
-    fit_jointly,
-    score_tests,
-    with_shared_drift,
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
+from inercal.methods.multi_position import stages
+from inercal.methods.multi_position.attitude_coverage import (
+    GeometryErrors,
+    attitudes_in_words,
+    hand_held_plan,
+    next_attitudes,
+    require_coverage,
 )
-from inercal.methods.multi_position.timing import gyro_delay
-from inercal.methods.observability import require_observed
-from inercal.physics.plan import HandStep
+from inercal.methods.multi_position.rest_observations import Rests
+from inercal.methods.multi_position.rotations import inverse_model
+from inercal.methods.observability import Plan, require_observed
+from inercal.methods.residuals import norm_residuals
+from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.physics.sensors import Sensor
-from inercal.recordings import Observations
+from inercal.recordings import Finding, Observations
 
+_MIN_IMPROVEMENT = 1.5  # times: less gain is not worth the hand's trouble
+_ADVISED_ATTITUDES = 3  # attitudes advised where a result is weak
+_SHARED = ("g", "timebase")  # parameters of the bench whose errors all coefficients share
+_TEST_LEVEL = 1e-3  # that rates without a sensitivity look like it
+_MIN_PASSAGES = 5  # transitions: of fewer, the scatter says too little
 _SIGN_NOTE = (
     "norms at rest show neither a reversed axis nor two exchanged axes: compare the sign of each "
     "axis with its attitude in one rest"
@@ -55,11 +70,7 @@ _SIGN_NOTE = (
 
 
 def joint(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Hand,
-    steps: Sequence[HandStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return all coefficients from norms, rates and rotations together: maximum likelihood.
 
@@ -84,32 +95,28 @@ def joint(
         Coefficients that these rests and transitions do not determine, and what to add.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
-    last = fit_accelerometers(rests, priors)
+    last = stages.fit_accelerometers(rests, priors)
     if rests.transitions is not None:
-        last = fit_jointly(rests, fit_gyros(rests, last, priors), priors)
+        last = stages.fit_jointly(rests, stages.fit_gyros(rests, last, priors), priors)
     return _final_estimate(rests, last, priors)
 
 
 def sequential(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Hand,
-    steps: Sequence[HandStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the accelerometers from norms alone, then the gyros with the accelerometers fixed.
 
     The accelerometers' covariance enters that of the gyros. Parameters and errors as of `joint`.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
-    last = fit_accelerometers(rests, priors)
+    last = stages.fit_accelerometers(rests, priors)
     if rests.transitions is not None:
-        last = fit_gyros(rests, last, priors)
+        last = stages.fit_gyros(rests, last, priors)
     return _final_estimate(rests, last, priors)
 
 
 def _checked_rests(
-    observations: Observations, sensor: Sensor, bench: Hand, priors: Sequence[Gaussian]
+    observations: Observations, sensor: Sensor, bench: Hand, priors: Priors
 ) -> Rests:
     if observations.mean.ndim != 2:
         raise InputError(
@@ -126,7 +133,7 @@ def _checked_rests(
     return rests
 
 
-def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Estimate:
+def _final_estimate(rests: Rests, last: stages.FitStage, priors: Priors) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
     notes = gravity_notes(rests, estimate)
@@ -135,15 +142,11 @@ def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) ->
     if rests.transitions is None:
         notes += (_SIGN_NOTE,)
     return replace(
-        with_shared_drift(rests, estimate),
+        stages.with_shared_drift(rests, estimate),
         notes=notes,
         tests=rests.observations.tests,
-        scoring=LazyValue(lambda: score_tests(rests, last, priors)),
+        scoring=LazyValue(lambda: stages.score_tests(rests, last, priors)),
     )
-
-
-def _frame(bench: Hand) -> Frame:
-    return "triangular"  # without a mounting, the accelerometers' own
 
 
 def _remarks(fit: Fit[Hand, Any]) -> Remarks:
@@ -158,6 +161,181 @@ def _remarks(fit: Fit[Hand, Any]) -> Remarks:
     note = f"the gyros' samples are {text} later than the accelerometers'"
     notes = (*(one.message for one in findings), note)
     return Remarks(findings, notes, {"delay of the gyros": text})
+
+
+def gyro_delay(
+    observations: Observations, sensor: Sensor, estimate: Estimate, gravity: float
+) -> Measured:
+    """Return how much later the gyros' samples are than the accelerometers', s.
+
+    The mean over transitions, each with the weight of its own turning; its uncertainty from their
+    scatter (Cochran 1977, Sampling Techniques, 2.30, of a ratio).
+
+    Parameters
+    ----------
+    observations : Observations
+        Rests with the transitions between them.
+    sensor : Sensor
+    estimate : Estimate
+        Of the sensor's coefficients.
+    gravity : float
+        m/s².
+
+    Raises
+    ------
+    NotObserved
+        Too few transitions, or nothing turned.
+    """
+    from inercal.methods.multi_position._kernels import delay_sums  # loads Numba
+
+    way = observations.transitions
+    if way is None or len(way.rest) < _MIN_PASSAGES:
+        count = 0 if way is None else len(way.rest)
+        raise NotObserved(
+            f"[method] time_offset needs gyros and {_MIN_PASSAGES} turns between rests; the "
+            f"recording has {count}: record more turns, or remove time_offset",
+            key="[method] time_offset",
+        )
+    force, c = sensor.select_axes("f"), estimate.value[: len(sensor.coefficients)]
+    p, m = len(force.coefficients), len(force.axes)
+    warmth = temperature.row_offsets(observations, sensor)
+    up = norm_residuals(force, observations.mean[:, :m], c[:p], np.array([gravity]), dT=warmth).up
+    model = inverse_model(sensor, c, float(np.mean(warmth)))
+    along, square = delay_sums(
+        way.time,
+        way.output,
+        way.left,
+        way.reached,
+        model.matrix,
+        model.offset,
+        up[way.rest],
+        gravity,
+    )
+    if not square.sum() > 0:
+        raise NotObserved(
+            "[method] time_offset needs turns about horizontal axes, but every turn is about the "
+            "vertical; record other turns, or remove time_offset",
+            key="[method] time_offset",
+        )
+    value = along.sum() / square.sum()
+    n = len(along)
+    left = along - value * square
+    return Measured(float(value), float(np.sqrt(n / (n - 1) * np.sum(left**2)) / square.sum()))
+
+
+def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
+    """Return attitudes to add and the resulting uncertainty, where they would reduce it much.
+
+    Computed from the information matrix, with the estimated noise and scatter.
+    """
+    sensor, p = rests.sensor, len(rests.sensor.coefficients)
+    unit_scale = sensor.unit_scale
+    # More attitudes do not reduce the parts of gravity and of the recording's clock.
+    shared = np.stack([_shifts(estimate, name)[:p] / unit_scale for name in _SHARED])
+    covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale)
+    covariance -= shared.T @ shared
+    sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
+    typical = GeometryErrors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
+    ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
+    before = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    more, after = next_attitudes(
+        sensor,
+        before,
+        ups[-1],
+        rests.bench.gravity.value,
+        typical,
+        target_deviation=0.0,
+        max_attitudes=_ADVISED_ATTITUDES,
+    )
+    stays = (shared**2).sum(axis=0)
+    old = np.sqrt(np.diag(covariance) + stays) * unit_scale
+    new = np.sqrt(np.diag(np.linalg.inv(after)) + stays) * unit_scale
+    k = int(np.argmax(old / new))
+    if old[k] < _MIN_IMPROVEMENT * new[k]:
+        return ()
+    name = sensor.coefficients[k]
+    line = sensor.coefficient(name)
+    sizes_told = [
+        format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
+    ]
+    return (
+        f"{name} is known poorly: {attitudes_in_words(more)} would bring its U from "
+        f"{sizes_told[0]} to {sizes_told[1]} {line.unit}",
+    )
+
+
+def gravity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
+    """Return a note where gravity dominates the U of scale factors: no attitude reduces that part.
+
+    The remaining U is that with gravity computed from latitude and height.
+    """
+    sensor, gravity = rests.sensor, rests.bench.gravity
+    if not gravity.sd > COMPUTED_GRAVITY_SD:
+        return ()
+    p = len(sensor.coefficients)
+    part = _shifts(estimate, "g")[:p] ** 2
+    old = estimate.std[:p]
+    left = (COMPUTED_GRAVITY_SD / gravity.sd) ** 2
+    new = np.sqrt(np.maximum(old**2 - (1 - left) * part, 0.0))
+    weak = np.flatnonzero(old > _MIN_IMPROVEMENT * new)
+    if not weak.size:
+        return ()
+    names = [sensor.coefficients[k] for k in weak]
+    k = int(weak[np.argmax(new[weak])])
+    line = sensor.coefficient(sensor.coefficients[k])
+    before, after = (
+        format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
+    )
+    u = format_value_and_uncertainty(0.0, COVERAGE * gravity.sd)[1]
+    return (
+        f"gravity, ± {u} m/s², gives most of the U of {', '.join(names)}, which no attitude "
+        "reduces: state latitude and height, or measured gravity, in [bench]; with latitude and "
+        f"height the U of {sensor.coefficients[k]} falls from {before} to {after} {line.unit}",
+    )
+
+
+def _shifts(estimate: Estimate, name: str) -> Array:
+    """Return the shift of each value by one standard deviation of a parameter of the bench."""
+    if name not in estimate.names:
+        return np.zeros(len(estimate.names))
+    column = estimate.covariance[:, estimate.names.index(name)]
+    variance = column[estimate.names.index(name)]
+    return column / np.sqrt(variance) if variance > 0 else np.zeros(len(column))
+
+
+def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, ...]:
+    """Return a finding where the rates at rest follow gravity and the gyros' model has no g term.
+
+    An F test of the rates' residuals against the attitude, at 0.1 %.
+    """
+    group = next((group for group in estimate.groups if group.name == "rates"), None)
+    names = rests.sensor.coefficients
+    if group is None or any(name.endswith((".g_i", ".g_p", ".g_o")) for name in names):
+        return ()
+    p = len(names)
+    up = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
+    weight = 1 / group.sd.mean(axis=1)[:, None]
+    attitude = weight * np.column_stack([np.ones(len(up)), up])
+    freedom = 3 * (len(up) - 4)
+    if freedom < 1:
+        return ()
+    alone, with_it = (
+        _residual_sum_of_squares(design, weight * group.residual) for design in (weight, attitude)
+    )
+    ratio = (alone - with_it) / 9 / (with_it / freedom)
+    if scipy.special.fdtrc(9, freedom, ratio) > _TEST_LEVEL:
+        return ()
+    explained = 100 * (1 - with_it / alone)
+    text = (
+        f"the rates at rest follow gravity ({explained:.0f} % of their scatter): the gyros are "
+        "sensitive to acceleration"
+    )
+    return (Finding("note", "g", text, changes=(Change("method", "also", ("g",)),)),)
+
+
+def _residual_sum_of_squares(design: Array, y: Array) -> float:
+    """Return the residual sum of squares of a linear model."""
+    return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) ** 2))
 
 
 METHOD = Method(
@@ -176,6 +354,6 @@ METHOD = Method(
     estimators={"joint": joint, "sequential": sequential},
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
     unknown_attitudes=True,
-    frame=_frame,
+    frame=triangular_frame,  # without a mounting, the accelerometers' own
     remarks=_remarks,
 )

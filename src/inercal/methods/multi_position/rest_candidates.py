@@ -11,29 +11,49 @@ clock of the recording as stated, a drift of the biases over the run, and arbitr
 rests. Gravity only changes the scale of the accelerometers, and the clock only that of the gyros:
 they are candidates because the verdict lists what no residual shows. Further misalignments of the
 accelerometers are not, because they only turn the frame, which is defined by the accelerometers.
+
+**The change of the accelerometers within a rest, minus the tilt by the gyros.**
+
+A hand sways: a tilt across gravity is not a fault. With Δf̂ the change of f̂ from the first half of
+a rest to the second and θ what the corrected rate turns through between their mean attitudes
+(`inercal.recordings.segments.rest_changes`), three rows for each rest are
+
+    d = Δf̂ − f̂ × θ
+
+whitened by the noise of both. They add no information on the coefficients and are used for tests
+only: of a step in the middle of a rest, which also moves the rest's mean by half the step, and of a
+drift of the biases. The push of a hand scatters d: along gravity and across, each rest is tested
+against the scatter of the others where this exceeds their noise.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
+from inercal.benches.hand.bench import tangent_vectors
 from inercal.estimation import Candidate
-from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, largest_angle
-from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
-from inercal.methods.multi_position.rotations import (
-    inverse_model,
-    rotation_residuals,
-    transition_rotations,
+from inercal.estimation.residual_scatter import leave_one_out_factors
+from inercal.methods.candidates import (
+    LARGEST_RELATIVE_SIZE,
+    Column,
+    candidate,
+    coefficient_column,
+    family_name,
+    largest_angle,
+    together_and_alone,
 )
+from inercal.methods.multi_position import rotations
+from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
 from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.frames import skew
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import G0, SI_UNITS, Sensor
+from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.sensors import G0, Sensor
 
 Basis = Callable[[Motion], Array]
 
@@ -67,12 +87,8 @@ def candidates(rests: Rests, rows: ResidualRows, x: Array) -> Iterator[Candidate
 
 def _tested(sensor: Sensor, kind: str) -> tuple[str, ...]:
     """Return the groups of coefficients that are candidates; of the square of g beside g alone."""
-    squares = kind == "w" and _estimates(sensor, "g")
+    squares = kind == "w" and "g" in {sensor.coefficient(n).group for n in sensor.coefficients}
     return (*_TESTED_GROUPS[kind], *(("g2",) if squares else ()))
-
-
-def _estimates(sensor: Sensor, group: str) -> bool:
-    return any(_in_group(group, sensor, full) for full in sensor.coefficients)
 
 
 def _extended_sensor(sensor: Sensor, more: tuple[str, ...]) -> Sensor:
@@ -89,16 +105,14 @@ def _coefficient_candidates(
     warmth = rests.observations.temperature_offset(sensor.reference_temperature)
     at_rest = Motion(rows.norm.specific_force, np.zeros_like(rows.norm.specific_force), dT=warmth)
     of_samples = rests.recorded_transition_offsets
-    columns: dict[str, Array] = {}
-    kinds: dict[tuple[str, str], list[str]] = {}
+    kinds: dict[tuple[str, str], list[Column]] = {}
     turned = _rotation_column(rests, rows, x)
     for full in larger.coefficients:
         name = CoefficientName(full).axis
         axis = next(k for k, one in enumerate(sensor.axes) if one.name == name)
         measures = sensor.axes[axis].measures
-        if full in sensor.coefficients or not any(
-            _in_group(word, larger, full) for word in (*_tested(sensor, measures), *more)
-        ):
+        tested = (*_tested(sensor, measures), *more)
+        if full in sensor.coefficients or larger.coefficient(full).group not in tested:
             continue
         alone = replace(sensor, axes=(sensor.axes[axis],), coefficients=(full,))
 
@@ -114,19 +128,10 @@ def _coefficient_candidates(
 
             column += turned(axis, added)
         if np.max(np.abs(column)) > _ROUNDING_LIMIT:
-            columns[full] = column
-            kinds.setdefault((measures, family_name(larger.coefficient(full))), []).append(full)
-    for (_, kind), members in kinds.items():
-        together = [(kind, tuple(members))] if len(members) > 1 else []
-        for name, chosen in (*together, *((full, (full,)) for full in members)):
-            units = tuple(SI_UNITS[larger.coefficient(full).unit] for full in chosen)
-            rows_of = np.stack([columns[full] for full in chosen], axis=-1)
-            largest = np.array([larger.coefficient(full).largest for full in chosen])
-            yield Candidate(name, "coefficient", chosen, units, rows_of, largest=largest)
-
-
-def _in_group(word: str, sensor: Sensor, full: str) -> bool:
-    return sensor.coefficient(full).group == word
+            kind = measures, family_name(larger.coefficient(full))
+            kinds.setdefault(kind, []).append(coefficient_column(larger, full, column))
+    for (_, kind), own in kinds.items():
+        yield from together_and_alone("coefficient", [(kind, own)])
 
 
 def _reading_column(rests: Rests, enter: Array, axis: int, size: Array) -> Array:
@@ -146,7 +151,7 @@ def _rotation_column(
     if way is None or turns is None or rows.attitude is None:
         return lambda axis, basis: nothing
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
-    model = inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))
+    model = rotations.inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))
     size = np.empty(len(way.output))
     # One column at a time is changed and put back: a copy of a long recording would not fit.
     changed = way.output if way.output.flags.writeable else way.output.copy()
@@ -167,7 +172,7 @@ def _rotation_column(
         try:
             changed[:, axis] += size
             moved_way = replace(way, output=changed)
-            there = transition_rotations(
+            there = rotations.transition_rotations(
                 moved_way,
                 sensor,
                 x[:p],
@@ -177,7 +182,7 @@ def _rotation_column(
             )
         finally:
             changed[:, axis] = before
-        moved = rotation_residuals(
+        moved = rotations.rotation_residuals(
             way.rest,
             there,
             rows.norm.specific_force,
@@ -201,23 +206,16 @@ def _drift_candidates(
         return
     turned = _rotation_column(rests, rows, x)
     shape = (time - middle) / span
-    columns: dict[str, list[tuple[str, Array]]] = {}
+    columns: dict[Measures, list[Column]] = {}
     for k, axis in enumerate(rests.sensor.axes):
         column = _reading_column(rests, enter, k, shape)
         if way is not None and axis.measures == "w":
             of_samples = (way.time - middle) / span
             column += turned(k, lambda _, piece, of_samples=of_samples: of_samples[piece])
-        columns.setdefault(axis.measures, []).append((f"drift of {axis.name}", column))
-    for kind, members in columns.items():
-        together = [(f"drift of {QUANTITIES[kind].sensors}", members)] if len(members) > 1 else []
-        for name, chosen in (*together, *((one[0], [one]) for one in members)):
-            yield Candidate(
-                name,
-                "time",
-                tuple(full for full, _ in chosen),
-                (QUANTITIES[kind].unit,) * len(chosen),
-                np.stack([column for _, column in chosen], axis=-1),
-            )
+        drift = Column(f"drift of {axis.name}", QUANTITIES[axis.measures].unit, column)
+        columns.setdefault(axis.measures, []).append(drift)
+    for kind, own in columns.items():
+        yield from together_and_alone("time", [(f"drift of {QUANTITIES[kind].sensors}", own)])
 
 
 def _statement_candidates(rests: Rests, rows: ResidualRows) -> Iterator[Candidate]:
@@ -234,15 +232,8 @@ def _statement_candidates(rests: Rests, rows: ResidualRows) -> Iterator[Candidat
             _, north = earth_rate_up_north(place.value)
             stated.append(("latitude", "rad", place, north, _EARTH_UP, largest_angle("latitude")))
     for name, unit, value, factor, place_in_x, largest in stated:
-        yield Candidate(
-            name,
-            "bench",
-            (name,),
-            (unit,),
-            factor * rows.jacobian[:, [first + place_in_x]],
-            largest=np.array([largest]),
-            stated_sds=np.array([value.sd]),
-        )
+        rows_of = factor * rows.jacobian[:, first + place_in_x]
+        yield candidate(name, "bench", [Column(name, unit, rows_of, largest, value.sd)])
 
 
 def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:
@@ -264,3 +255,120 @@ def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:
             yield Candidate(
                 name, "row", names, (QUANTITIES[kind].unit,) * len(axes), sum_over_rests(rests, own)
             )
+
+
+@dataclass(frozen=True, eq=False)
+class RestChanges:
+    """The rows of all rests, whitened.
+
+    Parameters
+    ----------
+    residual : (3 r,) array
+    by_reading : (r, 3, m) array
+        Of each rest's rows to a change of each accelerometer's reading, SI.
+    drift : mapping of str to (3 r,) array
+        To a drift of each accelerometer's bias over the span of the rests, by name.
+    """
+
+    residual: Array
+    by_reading: Array
+    drift: dict[str, Array]
+
+    def added_columns(self, one: Candidate) -> Array:
+        """Return what a candidate adds to these rows, (3 r, k)."""
+        nothing = np.zeros(len(self.residual))
+        return np.stack([self.drift.get(name, nothing) for name in one.components], axis=-1)
+
+
+def rest_changes(
+    rests: Rests, rows: ResidualRows, x: Array, scatter: Scatter
+) -> RestChanges | None:
+    """Return the rows at x; None without gyros, or of means.
+
+    Parameters
+    ----------
+    rests : Rests
+    rows : ResidualRows
+        At x.
+    x : (p + 8,) array
+        All coefficients and what is known beside them.
+    scatter : Scatter
+    """
+    seen = rests.observations
+    halves = seen.halves
+    if halves is None or rests.transitions is None or rows.attitude is None:
+        return None
+    sensor, m, p = rests.sensor, rests.m, len(rests.sensor.coefficients)
+    scale = np.array([axis.readout.scale for axis in sensor.axes[:m]])
+    back = np.broadcast_to(rows.norm.by_reading, (len(seen.labels), 3, m))
+    force = np.einsum("kim,km->ki", back, halves.change[:, :m] / scale)
+    if not rests.temperature_offsets.ndim:
+        model = rotations.inverse_model(sensor, x[:p])
+        turned = halves.integral @ model.matrix.T
+    else:
+        model = rotations.inverse_models(sensor, x[:p], rests.temperature_offsets)
+        turned = (model.matrix @ halves.integral[..., None])[..., 0]
+    both = turned + halves.seconds[:, None] * model.offset
+    turn = both[:, 3:] - (rows.attitude @ x[p + 1 : p + 4]) * halves.seconds[:, None]
+    sensed = rows.norm.specific_force
+    basis = np.concatenate([rows.norm.up[:, None], tangent_vectors(rows.norm.up)], axis=1)
+    if rests.temperature_offsets.ndim and halves.warming is not None:
+        ends = (rests.temperature_offsets + halves.warming, rests.temperature_offsets)
+        warmed, cold = (sensor.forward(Motion(sensed, dT=t), x[:p])[:, :m] for t in ends)
+        force = force - np.einsum("kim,km->ki", back, warmed - cold)
+    change = np.einsum("kij,kj->ki", basis, force - np.cross(sensed, turn))
+
+    flicker = rests.noise - seen.covariance
+    of_force = 4 * scatter.force.of(seen.covariance[:, :m, :m]) + flicker[:, :m, :m]
+    offset = flicker[:, m:, m:] + scatter.rate.excess**2 * np.eye(3)
+    # The wobble of a hand is in the gyros' scatter, of which only a share is noise.
+    of_turn = scatter.turn.share * halves.square[:, None, None] * rests.rate_noise
+    of_turn = of_turn + halves.seconds[:, None, None] ** 2 * offset
+    by_turn = basis @ skew(sensed)
+    to_reading = basis @ back
+    noise = to_reading @ of_force @ np.swapaxes(to_reading, -1, -2)
+    noise += by_turn @ of_turn @ np.swapaxes(by_turn, -1, -2)
+    factor = np.linalg.cholesky(noise)
+    both = np.concatenate([to_reading, change[..., None]], axis=-1)
+    solved: Array = np.asarray(np.linalg.solve(factor, both), dtype=np.float64)
+    columns, white = solved[..., :-1], solved[..., -1]
+    for part in (slice(0, 1), slice(1, 3)):
+        held = leave_one_out_factors(white[:, part], seen.dof)[:, None]
+        white[:, part] *= held
+        columns[:, part] *= held[..., None]
+    span = max(float(np.ptp(seen.time)), 1e-300)
+    slope = columns * (halves.seconds / span)[:, None, None]
+    drift = {f"drift of {sensor.axes[a].name}": slope[..., a].ravel() for a in range(m)}
+    return RestChanges(white.ravel(), columns, drift)
+
+
+def step_candidates(
+    rests: Rests, rows: ResidualRows, changed: RestChanges
+) -> Iterator[tuple[Candidate, Array]]:
+    """Yield a step in the middle of each rest: its rows of the fit, not whitened, and (3 r, m)."""
+    m, r = rests.m, len(rests.observations.labels)
+    enter = reading_sensitivities(rests, rows)[..., :m]
+    names = [axis.name for axis in rests.sensor.axes[:m]]
+    for k, label in enumerate(rests.observations.labels):
+        own = np.zeros_like(enter)
+        own[k] = 0.5 * enter[k]
+        below = np.zeros((r, 3, m))
+        below[k] = changed.by_reading[k]
+        candidate = Candidate(
+            f"change within {label}",
+            "time",
+            tuple(f"change of {name} within {label}" for name in names),
+            ("m/s²",) * m,
+            sum_over_rests(rests, own),
+        )
+        yield candidate, below.reshape(-1, m)
+
+
+def component_candidates(step: Candidate) -> Iterator[Candidate]:
+    """Yield each component of a step by itself.
+
+    All at once would be a push of the hand, which `inercal.recordings.segments.section_noise`
+    judges along gravity.
+    """
+    for k, (name, unit) in enumerate(zip(step.components, step.units, strict=True)):
+        yield Candidate(name, step.kind, (name,), (unit,), step.rows[:, [k]])

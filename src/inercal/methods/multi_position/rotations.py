@@ -20,9 +20,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import NotInvertible
 from inercal.methods import temperature
 from inercal.physics.frames import exp_so3, skew
@@ -114,7 +113,7 @@ def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
     )
 
 
-def _linear_coefficients(sensor: Sensor) -> NDArray[np.bool_]:
+def _linear_coefficients(sensor: Sensor) -> Bools:
     """Return which coefficients act on a rate that is linear in the motion, (p,)."""
     sensed = ("fi", "fp", "fo", "wi", "wp", "wo")
     return np.array(

@@ -17,9 +17,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation import (
     Candidate,
     Estimate,
@@ -29,24 +28,17 @@ from inercal.estimation import (
     ScoreTestSet,
     least_squares,
 )
-from inercal.methods.multi_position.rest_candidates import candidates
-from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
-from inercal.methods.multi_position.row_whitening import (
-    NORM_ROW,
-    RATE_ROWS,
-    row_covariance,
-    whitener,
-    whitener_with_drift,
-)
-from inercal.methods.multi_position.scatter import norm_scatter, rate_scatter, rotation_scatter
-from inercal.methods.multi_position.within_rest_changes import (
+from inercal.methods import Priors
+from inercal.methods.multi_position import row_whitening
+from inercal.methods.multi_position.rest_candidates import (
+    candidates,
     component_candidates,
     rest_changes,
     step_candidates,
 )
+from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.physics.sensors import G0
 
-Places = NDArray[np.int64]
 _COARSE_ITERATIONS = 6  # steps
 # Rests, beyond which no axis is scored apart: memory grows with their square
 _MAX_SCORED_RESTS = 100
@@ -78,7 +70,7 @@ class FitStage:
     groups: tuple[ResidualGroup, ...]
 
 
-def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
+def fit_accelerometers(rests: Rests, priors: Priors) -> FitStage:
     """Fit the accelerometers to the norms at rest.
 
     Raises
@@ -93,7 +85,7 @@ def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
     # The noise is propagated at the nominal model first, then where that has led.
     for _ in range(2):
         x[free] = _fit(alone, free, x, Scatter(), priors).value
-    judged = norm_scatter(alone, alone.rows(x))
+    judged = row_whitening.norm_scatter(alone, alone.rows(x))
     scatter = Scatter(judged.spread)
     estimate = _fit(alone, free, x, scatter, priors, drifting=True)
     x[free] = estimate.value
@@ -103,7 +95,7 @@ def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
     return _fit_stage(estimate, whole, scatter, groups)
 
 
-def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitStage:
+def fit_gyros(rests: Rests, first: FitStage, priors: Priors) -> FitStage:
     """Fit the gyros to rates and rotations, with the accelerometers as `first` left them.
 
     Raises
@@ -118,7 +110,8 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     free = np.setdiff1d(_free_indices(rests), [*range(p), count])
     # The clock's error has its own row, its prior: it takes no degree of freedom.
     fitted = np.setdiff1d(free, [count + KNOWN_QUANTITIES.index("timebase")])
-    still = np.array([k for k in own.tolist() if not _needs_rotation(rests, k)], dtype=np.int64)
+    lines = [sensor.coefficient(name) for name in sensor.coefficients[p:]]
+    still = own[[not line.basis.uses("wi", "wp", "wo") for line in lines]]  # need no turn
     x = first.x.copy()
     rows = rests.rows(x)
     r, k = len(rows.norm.residual), len(rests.transitions.rest)
@@ -130,23 +123,24 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     # Of the rates alone a common rounding error is a part of the bias.
     shown = np.concatenate([still, fitted[own.size :]])
     shown = shown[shown < count + KNOWN_QUANTITIES.index(_ROUNDING_ERRORS[0])]
-    rates = rate_scatter(rests, rests.rows(x), shown)
+    rates = row_whitening.rate_scatter(rests, rests.rows(x), shown)
     scatter = first.scatter._replace(rate=rates.spread)
     # Without its scatter yet, this fit need not go to the last digit.
     x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_COARSE_ITERATIONS).value
-    rotations = rotation_scatter(rests, rests.rows(x), shown, fitted, scatter)
+    rotations = row_whitening.rotation_scatter(rests, rests.rows(x), shown, fitted, scatter)
     scatter = scatter._replace(turn=rotations.spread)
     fit = _fit(rests, free, x, scatter, priors, norms=False, drifting=True)
     x[free] = fit.value
     rows = rests.rows(x)
     judged = [(0.0, 0), rates[:2], rotations[:2]]
     groups = (*first.groups, *_residual_groups(rests, rows, scatter, judged)[1:])
-    whiten = whitener_with_drift(rests, rows, whitener(rests, rows, scatter, norms=False))
+    whiten = row_whitening.whitener(rests, rows, scatter, norms=False)
+    whiten = row_whitening.whitener_with_drift(rests, rows, whiten)
     estimate = _consider_estimate(rests, fit, first.estimate, whiten(rows.jacobian))
     return _fit_stage(estimate, x, scatter, groups)
 
 
-def fit_jointly(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> FitStage:
+def fit_jointly(rests: Rests, last: FitStage, priors: Priors) -> FitStage:
     """Fit everything to all rows at once, started from `last`."""
     x, free = last.x.copy(), _free_indices(rests)
     estimate = _fit(rests, free, x, last.scatter, priors, drifting=True)
@@ -156,7 +150,7 @@ def fit_jointly(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Fit
     return _fit_stage(estimate, x, last.scatter, groups)
 
 
-def score_tests(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> ScoreTestSet:
+def score_tests(rests: Rests, last: FitStage, priors: Priors) -> ScoreTestSet:
     """Return the score tests of what is not estimated, by the noise without what was added to it.
 
     Of all rows; the accelerometers' too, where the gyros were fitted after them.
@@ -175,24 +169,18 @@ def score_tests(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Sco
     ).score_tests
 
 
-def _free_indices(rests: Rests) -> Places:
+def _free_indices(rests: Rests) -> Indices:
     """Return the places in x of all coefficients and of what else is not exact."""
     loose = [known.sd > _EXACT_LIMIT for known in rests.known_quantities]
     return np.flatnonzero([True] * len(rests.sensor.coefficients) + loose)
 
 
-def _needs_rotation(rests: Rests, place: int) -> bool:
-    """Return whether a coefficient needs turns to be seen."""
-    line = rests.sensor.coefficient(rests.sensor.coefficients[place])
-    return line.basis.uses("wi", "wp", "wo")
-
-
 def _fit(
     rests: Rests,
-    free: Places,
+    free: Indices,
     x: Array,
     scatter: Scatter,
-    priors: Sequence[Gaussian],
+    priors: Priors,
     *,
     norms: bool = True,
     most: int = 200,
@@ -206,9 +194,9 @@ def _fit(
     """
     names: tuple[str, ...] = (*rests.sensor.coefficients, *KNOWN_QUANTITIES)
     started = rests.rows(x)
-    whiten = whitener(rests, started, scatter, norms=norms)
+    whiten = row_whitening.whitener(rests, started, scatter, norms=norms)
     if drifting:
-        whiten = whitener_with_drift(rests, started, whiten)
+        whiten = row_whitening.whitener_with_drift(rests, started, whiten)
     changed = rest_changes(rests, started, x, scatter) if with_score_tests else None
     more = np.zeros(0) if changed is None else changed.residual
 
@@ -326,16 +314,17 @@ def _residual_groups(
 ) -> tuple[ResidualGroup, ...]:
     """Return each kind of rows with its scatter as stated; `judged` are χ² and ν of each."""
     labels, r = rests.observations.labels, len(rows.norm.residual)
-    of_rests, of_turns = row_covariance(rests, rows, scatter)
+    of_rests, of_turns = row_whitening.row_covariance(rests, rows, scatter)
     variance = np.diagonal(of_rests, axis1=1, axis2=2)
-    kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], variance[:, [NORM_ROW]])]
+    own = variance[:, [row_whitening.NORM_ROW]]
+    kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], own)]
     if rows.rotations is not None:
         before = rows.rotations.rest
         ways = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
         arriving, leaving = variance[before + 1, :2], variance[before, 6:]
         of_ways = arriving + leaving + np.diagonal(of_turns, axis1=1, axis2=2)
         rates = rows.residual[-3 * r :].reshape(r, 3)
-        kinds.append(("rates", "rad/s", labels, rates, variance[:, RATE_ROWS]))
+        kinds.append(("rates", "rad/s", labels, rates, variance[:, row_whitening.RATE_ROWS]))
         kinds.append(("rotations", "rad", ways, rows.rotations.residual, of_ways))
     return tuple(
         ResidualGroup(name, unit, names, residual, np.sqrt(own), chi2, dof, found)

@@ -11,39 +11,209 @@ or by errors of the bench there is (`inercal.methods.rates_and_poses.plan_struct
 
 Source: IEEE Std 952 and 1431, scale-factor and bias tests on a rate table; IEEE Std 1293,
 multipoint tests; the likelihood is ours.
+
+**The classical evaluation of a rate test: least squares of the readings with equal weights.**
+
+Each axis by itself, y = c + K ω_I + δ_O ω_P − δ_P ω_O and the further terms that are chosen, over
+the stated rates, rests and poses, with the vertical part of the earth's rate. K is the slope of the
+straight line of IEEE Std 528, and 1 + scale where no nonlinear term is left out.
+
+The bench is taken as exact: the covariance is that of the noise of the means alone. The problem of
+`ml`, in which the errors of the bench have their stated deviations, tests whether the readings
+agree with one another.
+
+Sources: IEEE Std 528, 952 and 1431.
+
+**Terms with the sign of the input, in readings of axes without a nominal input.**
+
+A gyro across the table's axis senses Ω t, t the error of the setting, and its asymmetry adds
+½ κ′ |Ω t|. As the misalignments are as good as free, the estimate of t is near zero, where this
+term has a kink that stops a search. Its sign is that of an error, and its size, 0.1 °/h at κ′ = 500
+ppm, 200 °/s and 0.05°, below the noise of a dwell: these terms are left out there.
+
+**Plans of rates and poses: settings with a case axis up, and poses about level.**
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from itertools import product
+from math import pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
+from inercal.benches.rate_platform import sections
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
-from inercal.estimation import Estimate, Gaussian, Problem
-from inercal.methods import mean_problem, solving
-from inercal.methods._base import Method
-from inercal.methods.estimator_inputs import require_matching_rows
-from inercal.methods.likelihood_tests import with_problem_tests
+from inercal.estimation import Estimate, Problem
+from inercal.methods import Method, Priors, estimator_inputs, mean_problem, solving
+from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
 from inercal.methods.observability import require_observed
-from inercal.methods.rates_and_poses.equal_weights import least_squares_line, refuse_priors_and_form
-from inercal.methods.rates_and_poses.plan_structure import require_determined
-from inercal.methods.rates_and_poses.platform_plans import plan
-from inercal.methods.rates_and_poses.sign_terms import readings_without_input, without_signs
-from inercal.physics.sensors import Sensor
+from inercal.methods.rates_and_poses.plan_structure import Plan, require_determined
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
+from inercal.recordings.data.recording_loader import number_repeated_names
+
+_SETTINGS = {3: ("x", "y", "z"), 6: ("x", "-x", "y", "-y", "z", "-z")}
+_SPEEDS = (radians(50), radians(200))
+_FACES = ((0, 0), (180, 0), (90, 0), (-90, 0), (0, 90), (0, -90))  # roll and pitch, °
+# Three circles in steps of 45°, with x, y and z level, and poses with all axes inclined.
+_TILTED = (
+    *((roll, 0) for roll in range(0, 360, 45)),
+    *((0, pitch) for pitch in (45, 90, 135, -135, -90, -45)),
+    *((90, pitch) for pitch in (45, 135, -135, -45)),
+    *product((45, -45, 135), (35, -35)),
+)
+_POSES = {"none": (), "faces": _FACES, "tilted": _TILTED}
+_NOTHING = 1e-6  # of g, or of 1 rad/s
+
+
+def plan(
+    seconds: float = 36.0,
+    positions: int = 6,
+    rates: tuple[float, ...] = _SPEEDS,
+    reverse: bool = False,
+    attitudes: str = "none",
+) -> tuple[sections.PlatformStep, ...]:
+    """Return rests and each speed in both senses in every setting; then the poses.
+
+    Parameters
+    ----------
+    seconds : float
+        Longest time of a section: dwells are over whole turns, if one is short enough.
+    positions : int
+        Number of settings: 3, each axis up, or 6, each up and down.
+    rates : tuple of float
+        Speeds, rad/s, each positive.
+    reverse : bool
+        Whether each sense also goes back through the speeds, to show a hysteresis.
+    attitudes : str
+        Poses at the end: "none", "faces", six of them, or "tilted", 24 in all
+        directions.
+
+    Raises
+    ------
+    InputError
+        Another number of settings or other poses, or a speed that is not positive.
+    """
+    if positions not in _SETTINGS:
+        raise InputError(
+            f"positions is {positions}; give 3, each axis up, or 6, each up and down",
+            key="[method] positions",
+        )
+    if attitudes not in _POSES:
+        raise InputError(
+            f"attitudes is {attitudes!r}; the poses are {', '.join(_POSES)}",
+            key="[method] attitudes",
+        )
+    if any(rate <= 0 for rate in rates):
+        raise InputError(
+            "rates has a speed that is not positive; give speeds, each is turned in both senses",
+            key="[method] rates",
+        )
+    of_setting = _rates_of_setting(rates, reverse)
+    dwells = [(axis, rate) for axis in _SETTINGS[positions] for rate in of_setting]
+    names = number_repeated_names([sections.dwell_label(axis, rate) for axis, rate in dwells])
+    turns = [
+        sections.RateDwell(name, axis, rate, sections.whole_turns(rate, seconds))
+        for name, (axis, rate) in zip(names, dwells, strict=True)
+    ]
+    angles = [(roll * pi / 180, pitch * pi / 180) for roll, pitch in _POSES[attitudes]]
+    return (*turns, *(sections.Pose(sections.pose_label(*each), *each, seconds) for each in angles))
+
+
+def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
+    """Return the rates of one setting in their order, rests included."""
+    if not rates:
+        return [0.0]
+    if not reverse:
+        return [0.0, *(signed for rate in rates for signed in (rate, -rate)), 0.0]
+    through = [*rates, *rates[-2::-1]]
+    return [0.0, *through, 0.0, *(-rate for rate in through), 0.0]
+
+
+def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: Plan) -> Bools:
+    """Return whether each reading, row after row, (r m,), has no nominal input.
+
+    In a pose a gyro senses the earth's rate alone, whose level part is unknown: that is none.
+    """
+    motion = bench.mean_motion(steps, {}).motion
+    dwells = np.array([isinstance(step, sections.RateDwell) for step in steps])
+    inputs = {"f": motion.f / G0, "w": motion.w * dwells[:, None]}
+    sensed = [inputs[axis.measures] @ np.array(axis.i) for axis in sensor.axes]
+    return (np.abs(np.stack(sensed, axis=-1)) < _NOTHING).ravel()
+
+
+def without_signs(whole: Problem, sensor: Sensor, unsigned: Bools) -> Problem:
+    """Return the problem without terms that depend on a sign in some readings.
+
+    Parameters
+    ----------
+    whole : Problem
+        Of m observations; the sensor's coefficients come first.
+    sensor : Sensor
+    unsigned : (m,) array of bool
+        Those without a nominal input.
+    """
+    terms = [
+        k
+        for k, name in enumerate(sensor.coefficients)
+        if sensor.coefficient(name).basis.uses("si", "swi")
+    ]
+    if not terms or not unsigned.any():
+        return whole
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        residual, jacobian = whole.linearise(x)
+        without = x.copy()
+        without[..., terms] = 0.0
+        plain, slope = whole.linearise(without)
+        slope[..., terms] = 0.0
+        return (
+            np.where(unsigned, plain, residual),
+            np.where(unsigned[:, None], slope, jacobian),
+        )
+
+    return replace(whole, linearise=linearise, normal_equations=None)
+
+
+def least_squares_line(
+    observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Plan, used: Indices
+) -> Estimate:
+    """Return the coefficients, with the noise of the means propagated.
+
+    Parameters
+    ----------
+    observations : Observations
+        Of r rows and m axes, without a trial axis.
+    sensor : Sensor
+        In the reference form, whose readings are linear in its p coefficients.
+    bench : RatePlatform
+    steps : sequence of r RateDwell or Pose
+    used : (k,) array of int
+        Places of the used readings, row after row.
+    """
+    nominal = bench.mean_motion(steps, {}).motion
+    motion = Motion(nominal.f, nominal.w)
+    p = len(sensor.coefficients)
+    none = np.zeros(p)
+    design = sensor.design(motion, none).reshape(-1, p)[used]
+    off = (observations.mean - sensor.forward(motion, none)).ravel()[used]
+    inverse = np.linalg.pinv(design / sensor.unit_scale) / sensor.unit_scale[:, None]
+    noise = observations.full_covariance[np.ix_(used, used)]
+    spread = inverse @ noise @ inverse.T
+    return noise_only_estimate(sensor, inverse @ off, spread)
 
 
 def ml(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[PlatformStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the estimate of all readings but those of accelerometers while the table turns.
 
@@ -69,14 +239,14 @@ def ml(
     observations = observations.without_drift()
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
-    require_matching_rows(observations, sensor, done)
+    estimator_inputs.require_matching_rows(observations, sensor, done)
     declared, suspects = bench.nuisances(done, sensor), bench.suspects(done, sensor)
     _refuse_profiles(sensor, done)
     used = _used_readings(sensor, done)
     require_determined(observations, sensor, bench, done, priors, used)
     unsigned = readings_without_input(sensor, bench, done)
 
-    def problem(some: Observations, own: Sequence[Gaussian]) -> Problem:
+    def problem(some: Observations, own: Priors) -> Problem:
         whole = mean_problem.problem(
             some,
             sensor,
@@ -99,8 +269,8 @@ def ieee(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[PlatformStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the estimate by least squares with equal weights, as of `ml`; the bench is exact.
 
@@ -111,7 +281,8 @@ def ieee(
     NotObserved
         As of `ml`.
     """
-    refuse_priors_and_form(observations, sensor, priors)
+    estimator_inputs.require_plain_means(observations, sensor, priors, "ieee", "ml")
+    estimator_inputs.refuse_tilted_form(sensor, "ieee", "ml")
     by_problem = ml(observations, sensor, bench, steps)
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]
@@ -130,19 +301,19 @@ def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, .
     return result
 
 
-def _used_readings(sensor: Sensor, steps: Sequence[PlatformStep]) -> NDArray[np.int64]:
+def _used_readings(sensor: Sensor, steps: Plan) -> Indices:
     """Return the places of the readings that are used, row after row."""
-    turning = np.array([isinstance(step, RateDwell) and step.rate != 0 for step in steps])
+    turning = np.array([isinstance(step, sections.RateDwell) and step.rate != 0 for step in steps])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     return np.flatnonzero(~(turning[:, None] & forces))
 
 
-def _refuse_profiles(sensor: Sensor, steps: Sequence[PlatformStep]) -> None:
+def _refuse_profiles(sensor: Sensor, steps: Plan) -> None:
     """Refuse terms of a turn's profile: a mean does not hold the mean of squares of the rate."""
     terms = tuple(
         name for name in sensor.coefficients if CoefficientName(name).term in ("scale2", "scale3")
     )
-    if terms and any(isinstance(step, KnownTurn) for step in steps):
+    if terms and any(isinstance(step, sections.KnownTurn) for step in steps):
         raise InputError(
             f"[method] {', '.join(terms)}: a turn by an angle has no one rate, so that a mean does "
             "not determine them; remove these coefficients, or turn at constant rates alone",

@@ -9,20 +9,20 @@ about one speed.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
-from inercal.estimation import Gaussian
 from inercal.estimation.nullspace import row_echelon_form
-from inercal.methods import temperature
+from inercal.methods import Priors, temperature
 from inercal.methods.observability import direction_in_words
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
+
+Plan = Sequence[PlatformStep]
 
 TOLERANCE = 2e-3  # of the largest scaled singular value
 _NAMED = 1e-6  # of the largest weight of a direction
@@ -32,9 +32,9 @@ def require_determined(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Sequence[PlatformStep],
-    priors: Sequence[Gaussian],
-    used: NDArray[np.int64],
+    steps: Plan,
+    priors: Priors,
+    used: Indices,
 ) -> None:
     """Refuse coefficients that the sections do not determine. Those with a prior count as known.
 
@@ -88,10 +88,7 @@ def null_directions(design: Array) -> Array:
 
 
 def _nominal_design(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RatePlatform,
-    steps: Sequence[PlatformStep],
+    observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Plan
 ) -> Array:
     """Return the derivatives of the nominal readings by the coefficients, (..., r m, p)."""
     nominal = bench.without_earth_rate().mean_motion(steps, {}).motion
@@ -101,7 +98,7 @@ def _nominal_design(
     return natural.reshape(*natural.shape[:-3], -1, natural.shape[-1])
 
 
-def _remedy(names: Sequence[str], steps: Sequence[PlatformStep]) -> str:
+def _remedy(names: Sequence[str], steps: Plan) -> str:
     """Return what sections would determine coefficients, as part of a sentence."""
     terms = {CoefficientName(name).term for name in names}
     rates = [step.rate for step in steps if isinstance(step, RateDwell) and step.rate != 0]

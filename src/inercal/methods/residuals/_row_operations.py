@@ -12,18 +12,11 @@ from typing import Any
 from numba import njit
 
 from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import INNER_OPTIONS, KERNEL_OPTIONS
 
-INNER: dict[str, Any] = {
-    "cache": True,
-    "nogil": True,
-    "error_model": "numpy",
-    "fastmath": {"contract"},
-    "_nrt": False,
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
+INNER: dict[str, Any] = {**INNER_OPTIONS, "nogil": True, "fastmath": {"contract"}}
 # What other code calls.
-KERNEL: dict[str, Any] = {**INNER, "no_cpython_wrapper": False, "no_cfunc_wrapper": False}
+KERNEL: dict[str, Any] = {**KERNEL_OPTIONS, "nogil": True, "fastmath": {"contract"}}
 # A sum may be taken in any order.
 SUM: dict[str, Any] = {**INNER, "fastmath": {"contract", "reassoc", "nsz"}}
 

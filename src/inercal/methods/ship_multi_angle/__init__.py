@@ -15,26 +15,106 @@ sums of squares of both validate neither.
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 10.13873/J.1000-9787(2014)10-0021-04; its equations are illegible in our copy and rebuilt from its
 text. `joint`, `planar_norm` and all covariances are ours.
+
+**Untilted states as vectors and tilted ones as norms, with equal weights.**
+
+    minimise Σ |M a + p − f|² over untilted states + Σ (|M a + p| − √(A² + 1))² over tilted ones
+
+The vectors determine the rotations that norms leave free, so that no damping is necessary. The
+weights assume equal errors in g, and no nuisance is estimated: `joint` does both better. Ours.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import NotObserved
-from inercal.benches.rate_table.bench import RateTable, mounting_names
+from inercal.benches.rate_table.bench import RateTable, mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
-from inercal.estimation import Estimate, Gaussian
-from inercal.methods import prediction_error, solving
-from inercal.methods._base import Method
-from inercal.methods.estimator_inputs import require_matching_rows
+from inercal.estimation import Estimate, Problem, least_squares
+from inercal.methods import Method, Priors, ship_consistency, solving
+from inercal.methods.estimator_inputs import refuse_priors, require_matching_rows
 from inercal.methods.observability import require_observed
-from inercal.methods.ship_consistency import joint_problem
+from inercal.methods.ship_consistency import Plan
+from inercal.methods.ship_multi_angle.norm_equations import norm_observations, tilted_rows
 from inercal.methods.ship_multi_angle.norm_estimators import damped, global_
-from inercal.methods.ship_multi_angle.vector_norm_estimator import planar_norm
-from inercal.methods.ship_planar import planar, require_excitation
+from inercal.methods.ship_planar import affine_estimate, planar, remarks, require_excitation
 from inercal.physics.plan import Spin
-from inercal.physics.sensors import Sensor
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
 from inercal.recordings import Observations
+
+
+def planar_norm(
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
+) -> Estimate:
+    """Return the twelve coefficients by untilted states' vectors and tilted ones' norms.
+
+    Arguments as of `damped`, without priors. The covariance includes the effect of the bench's
+    errors.
+
+    Raises
+    ------
+    InputError
+        Priors, another sensor, steps that are not those of the rows.
+    NotObserved
+        Fewer than twelve tilted states, or untilted ones that do not excite an axis.
+    """
+    refuse_priors(priors, "planar_norm", "joint")
+    groups = tilted_rows("planar_norm", observations, sensor, steps)
+    rest = [k for k in range(len(steps)) if k not in groups]
+    here = [steps[k] for k in rest]
+    require_excitation(bench, here)
+    a, square = norm_observations(observations, bench, steps, groups)
+    plain, f = observations.mean[..., rest, :] / G0, sensed_motion(bench, here, {}).f / G0
+    model, gain, converged = fit_vectors_and_norms(plain, f, a, square)
+    residual, _ = ship_consistency.linearised_rows(model, plain, f, a, square)
+    # From errors of M a + p − f of all rows, axes within, to those of the rows as compared.
+    map_to = ship_consistency.comparison_map(model, observations.mean / G0, rest, groups)
+    spread = ship_consistency.row_covariance(observations, bench, steps, model.matrix)
+    spread = map_to @ spread @ np.swapaxes(map_to, -1, -2)
+    agreement = ship_consistency.consistency(
+        observations, sensor, bench, steps, model, gain @ map_to, rest, groups
+    )
+    return affine_estimate(
+        sensor,
+        model,
+        gain @ spread @ np.swapaxes(gain, -1, -2),
+        residual,
+        np.diagonal(spread, axis1=-2, axis2=-1),
+        (
+            *(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
+            *(f"|f|[{steps[k].label}]" for k in groups),
+        ),
+        agreement,
+        ship_consistency.bench_sensitivities(bench, steps, gain @ map_to),
+        notes=(
+            "all directions are determined; the frame is that of the untilted mountings' nominal "
+            "axes",
+        ),
+        converged=converged,
+    )
+
+
+def fit_vectors_and_norms(
+    level: Array, f: Array, groups: Array, square: Array
+) -> tuple[AffineModel, Array, Bools]:
+    """Return the model, the derivative of θ by each row, (..., 12, 3 r + s), and converged.
+
+    Arguments as of `linearised_rows`.
+    """
+
+    def at(x: Array) -> tuple[Array, Array]:
+        lead = np.broadcast_shapes(x.shape[:-1], level.shape[:-2])
+        model = AffineModel.of(np.broadcast_to(x, (*lead, 12)))
+        return ship_consistency.linearised_rows(model, level, f, groups, square)
+
+    m = f.size + len(square)
+    fit = least_squares(Problem(AFFINE_NAMES, IDENTITY_PARAMETERS, at, np.ones(m), np.ones(12)))
+    _, slope = at(fit.value)
+    gain = -np.asarray(np.linalg.pinv(slope), dtype=float)
+    return AffineModel.of(fit.value), gain, fit.converged
 
 
 def plan(
@@ -58,11 +138,7 @@ def plan(
 
 
 def joint(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the coefficients and the bench's errors, at the largest posterior probability.
 
@@ -90,7 +166,7 @@ def joint(
         estimate = solving.solve(
             observations,
             priors,
-            lambda some, own: joint_problem(some, sensor, bench, steps, own),
+            lambda some, own: ship_consistency.joint_problem(some, sensor, bench, steps, own),
         )
         require_observed(estimate, sensor, missing=())
     except NotObserved:
@@ -101,7 +177,7 @@ def joint(
     return replace(estimate, notes=(_state_note(estimate, steps), *estimate.notes))
 
 
-def _state_note(estimate: Estimate, steps: Sequence[Spin]) -> str:
+def _state_note(estimate: Estimate, steps: Plan) -> str:
     """Return the note on what the states determine, what priors decided, and the frame."""
     text = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
     if left := [one.words for one in estimate.null_directions]:
@@ -125,7 +201,7 @@ METHOD = Method(
         "global": global_,
     },
     norm_only_estimators=("damped", "global"),
-    remarks=prediction_error.remarks,
+    remarks=remarks,
     weighs_common_errors=True,
     source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
 )

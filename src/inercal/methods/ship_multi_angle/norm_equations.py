@@ -1,4 +1,4 @@
-"""Norms of a tilted triad: the source's equations, its damped solution, and the symmetric frame.
+"""Norms of a tilted triad: the source's equations, their solutions, and the symmetric frame.
 
 With v = M a + p, in g, each group has one equation and one row of slopes by θ::
 
@@ -22,20 +22,41 @@ are exact. A change Δ of θ changes the result by P Δ, Δ and the rotation tha
 with the rotations as columns of R and the slopes of H_ij − H_ji as rows of C. P R = 0: the start or
 chance that decided the rotation affects neither the result nor its uncertainty.
 
+A global search is in place of the source's commercial optimiser: SciPy's differential evolution
+(Storn and Price 1997) minimises the sum of squares of the equations within bounds about nominal;
+the damped equations then polish the result. The source sets its optimiser a goal of 5 % error; here
+the error is the largest over the groups of | |M a + p| / √(A² + 1) − 1 |. Coefficients far from the
+truth meet this goal. Equal seeds give equal results, unless the time limit ends the search.
+
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 6 to 9; Levenberg 1944 and Marquardt 1963 for μ, which it does not print: a tenth of it
 after a step that lowers the sum of squares, ten times it after one that does not.
 """
 
-from typing import NamedTuple
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
+from inercal.basics.errors import NotObserved
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
+from inercal.benches.rate_table.fixture import is_tilted
+from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
+from inercal.methods.ship_consistency import Plan
 from inercal.physics.frames import decompose_symmetric, skew
-from inercal.physics.sensors.affine import AffineModel
+from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel, require_affine_triad
+from inercal.recordings import Observations
 
+MIN_TILTED_STATES = 12  # groups
 RANK_TOLERANCE = 1e-9  # of the largest singular value: below, no equation determines a direction
 _INITIAL_DAMPING, _MAX_DAMPING = 1e-3, 1e12  # μ of the largest eigenvalue: first and last
 _CONVERGED_STEP = (
@@ -44,6 +65,8 @@ _CONVERGED_STEP = (
 _ROUNDING = 2.0**-46  # of the squares
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 _MAX_STEPS = 200
+GOAL = 0.05
+_POPULATION_FACTOR = 15  # times twelve
 
 
 def norm_residuals(model: AffineModel, a: Array, square: Array) -> Array:
@@ -93,7 +116,7 @@ class DampedSolution(NamedTuple):
 
     model: AffineModel
     cost: Array  # (...), Σρ², g⁴
-    converged: NDArray[np.bool_]
+    converged: Bools
     steps: NDArray[np.intp]
 
 
@@ -148,4 +171,192 @@ def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSoluti
         cost.reshape(lead),
         converged.reshape(lead),
         steps.reshape(lead),
+    )
+
+
+def tilted_rows(name: str, observations: Observations, sensor: Sensor, steps: Plan) -> list[int]:
+    """Return the rows of the tilted states, or refuse too few."""
+    refuse_temperature_terms(sensor, name, "joint")
+    require_affine_triad(sensor)
+    require_matching_rows(observations, sensor, steps)
+    groups = [k for k, step in enumerate(steps) if is_tilted(step)]
+    if len(groups) < MIN_TILTED_STATES:
+        raise NotObserved(
+            f"not observed: {len(groups)} tilted states make {len(groups)} norms for "
+            f"{MIN_TILTED_STATES} coefficients; add tilted states until there are "
+            f"{MIN_TILTED_STATES} for estimator {name}, or use estimator joint",
+            key="steps",
+        )
+    return groups
+
+
+def norm_observations(
+    observations: Observations, bench: RateTable, steps: Plan, groups: Sequence[int]
+) -> tuple[Array, Array]:
+    """Return readings of the groups, (..., r, 3) g, and A² + 1, (r,) g²."""
+    f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
+    return observations.mean[..., groups, :] / G0, (f**2).sum(-1)
+
+
+def axis_columns(rows: Sequence[int]) -> NDArray[np.intp]:
+    """Return the columns of the three axes of each row."""
+    return (3 * np.asarray(rows, dtype=np.intp)[:, None] + np.arange(3)).ravel()
+
+
+class Generation(NamedTuple):
+    """The best member after a generation."""
+
+    number: int
+    cost: float  # Σρ², g⁴
+    worst: float  # largest relative error of a norm
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Half widths of the search about nominal: scale and cross relative, bias in g."""
+
+    scale: float = 0.1
+    cross: float = 0.1
+    bias: float = 0.2
+
+    @property
+    def half_width(self) -> Array:
+        """Half widths of θ, (12,)."""
+        matrix = np.where(np.eye(3) > 0, self.scale, self.cross)
+        return np.concatenate([matrix.ravel(), np.full(3, self.bias)])
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Options of a search.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        About nominal.
+    seed : int
+    seconds : float
+        Time limit, after which the best member is the result.
+    goal : float
+        Largest relative error of a norm at which the goal is met.
+    """
+
+    bounds: Bounds = Bounds()
+    seed: int = 0
+    seconds: float = 20.0
+    goal: float = GOAL
+
+
+class SearchHistory(NamedTuple):
+    """Goal of a search, and the best member after each generation, before polishing."""
+
+    goal: float
+    generations: tuple[Generation, ...]
+
+    @property
+    def goal_generation(self) -> int | None:
+        """The number of the generation that first met the goal."""
+        return next((g.number for g in self.generations if g.worst <= self.goal), None)
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """The result of a search.
+
+    Parameters
+    ----------
+    model : AffineModel
+        Polished.
+    cost, worst : float
+        Of the model: Σρ² in g⁴, and the largest relative error of a norm.
+    history : tuple of Generation
+        The best member after each generation, before polishing.
+    goal : int or None
+        The generation that first met the goal.
+    seconds : float
+        Duration of the search.
+    completed : bool
+        Whether the search ended before its time limit.
+    """
+
+    model: AffineModel
+    cost: float
+    worst: float
+    history: tuple[Generation, ...]
+    goal: int | None
+    seconds: float
+    completed: bool
+
+
+def worst_relative_error(model: AffineModel, a: Array, square: Array) -> float:
+    """Return the largest relative error of a norm."""
+    return float(np.abs(np.linalg.norm(model.correct(a), axis=-1) / np.sqrt(square) - 1).max())
+
+
+def search(
+    a: Array,
+    square: Array,
+    options: SearchOptions = SearchOptions(),
+    *,
+    generations: int = 1000,
+    progress: Callable[[Generation], None] | None = None,
+) -> SearchResult:
+    """Return the least sum of squares within bounds; polishing may leave them.
+
+    Parameters
+    ----------
+    a : (r, 3) array
+        Readings in g.
+    square : (r,) array
+        A² + 1, g².
+    options : SearchOptions
+    generations : int
+        At most.
+    progress : callable, optional
+        Called after each generation.
+    """
+    began = perf_counter()
+    history: list[Generation] = []
+    half, late = options.bounds.half_width, False
+
+    def cost(thetas: Array) -> Array:
+        # One column a member.
+        return (norm_residuals(AffineModel.of(thetas.T), a, square) ** 2).sum(-1)
+
+    def after(intermediate_result: Any) -> None:
+        nonlocal late
+        model = AffineModel.of(np.asarray(intermediate_result.x, dtype=float))
+        history.append(
+            Generation(
+                len(history) + 1,
+                float(intermediate_result.fun),
+                worst_relative_error(model, a, square),
+            )
+        )
+        if progress is not None:
+            progress(history[-1])
+        late = perf_counter() - began > options.seconds
+        if late:
+            raise StopIteration
+
+    best = scipy.optimize.differential_evolution(
+        cost,
+        list(zip(IDENTITY_PARAMETERS - half, IDENTITY_PARAMETERS + half, strict=True)),
+        maxiter=generations,
+        popsize=_POPULATION_FACTOR,
+        rng=np.random.default_rng(options.seed),
+        callback=after,
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+    )
+    done = damped_solution(a, square, AffineModel.of(np.asarray(best.x, dtype=float)))
+    return SearchResult(
+        done.model,
+        float(done.cost),
+        worst_relative_error(done.model, a, square),
+        tuple(history),
+        SearchHistory(options.goal, tuple(history)).goal_generation,
+        perf_counter() - began,
+        not late,
     )

@@ -12,45 +12,24 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.rate_table.bench import RateTable
-from inercal.estimation import Estimate, Gaussian, NullDirection
+from inercal.estimation import Estimate, NullDirection
+from inercal.methods import Priors
 from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
-from inercal.methods.ship_consistency import bench_sensitivities, consistency, row_covariance
+from inercal.methods.ship_consistency import Plan, bench_sensitivities, consistency, row_covariance
+from inercal.methods.ship_multi_angle import free_norm_directions as free
 from inercal.methods.ship_multi_angle import norm_equations
-from inercal.methods.ship_multi_angle.damping_start import require_convergence, starting_point
-from inercal.methods.ship_multi_angle.free_norm_directions import (
-    FreeDirections,
-    free_directions,
-    group_information,
-    undetermined_rotations,
-)
-from inercal.methods.ship_multi_angle.global_search import (
-    Generation,
-    SearchOptions,
-    SearchResult,
-    search,
-)
-from inercal.methods.ship_multi_angle.tilted_states import (
-    axis_columns,
-    norm_observations,
-    tilted_rows,
-)
 from inercal.methods.ship_planar import affine_estimate
-from inercal.physics.plan import Spin
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
 from inercal.recordings import Observations
 
-DEFAULT_SEARCH = SearchOptions()
+DEFAULT_SEARCH = norm_equations.SearchOptions()
 _FIRST_BIAS = 9  # index in θ
 _BOUND_TOLERANCE = 1e-6  # of a bound: rounding
 
 
 def damped(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the twelve coefficients by the norms of the tilted states, damped as in the source.
 
@@ -74,20 +53,20 @@ def damped(
         Fewer than twelve tilted states, neither untilted states nor priors for the directions that
         norms leave free, or no convergence because the tilts leave further directions free.
     """
-    groups = tilted_rows("damped", observations, sensor, steps)
-    a, square = norm_observations(observations, bench, steps, groups)
-    start = starting_point(observations, sensor, bench, steps, priors, groups)
+    groups = norm_equations.tilted_rows("damped", observations, sensor, steps)
+    a, square = norm_equations.norm_observations(observations, bench, steps, groups)
+    start = free.starting_point(observations, sensor, bench, steps, priors, groups)
     done = norm_equations.damped_solution(a, square, start.model)
-    require_convergence(done.converged, sensor, bench, steps, groups)
+    free.require_convergence(done.converged, sensor, bench, steps, groups)
     done = _in_stated_frame(sensor, done)
-    _, null, gain = group_information(done.model, a)
+    _, null, gain = free.group_information(done.model, a)
     spread = row_covariance(observations, bench, steps, done.model.matrix)
     whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
-    whole[..., axis_columns(groups)] = gain
+    whole[..., norm_equations.axis_columns(groups)] = gain
     rest: list[int] = []
     if start.gain is not None:
         rest = [k for k in range(len(steps)) if k not in groups]
-        whole[..., axis_columns(rest)] = null @ start.gain
+        whole[..., norm_equations.axis_columns(rest)] = null @ start.gain
     covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
     if start.prior_covariance is not None:
         covariance = covariance + null @ start.prior_covariance @ null
@@ -101,11 +80,11 @@ def global_(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Sequence[Spin],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
     *,
-    options: SearchOptions = DEFAULT_SEARCH,
-    progress: Callable[[Generation], None] | None = None,
+    options: norm_equations.SearchOptions = DEFAULT_SEARCH,
+    progress: Callable[[norm_equations.Generation], None] | None = None,
 ) -> Estimate:
     """Return the twelve coefficients by a global search of the norms of the tilted states.
 
@@ -132,14 +111,14 @@ def global_(
     """
     refuse_priors(priors, "global", "joint")
     require_single_recording(observations, "estimator global")
-    groups = tilted_rows("global", observations, sensor, steps)
-    a, square = norm_observations(observations, bench, steps, groups)
-    found = search(a, square, options, progress=progress)
+    groups = norm_equations.tilted_rows("global", observations, sensor, steps)
+    a, square = norm_equations.norm_observations(observations, bench, steps, groups)
+    found = norm_equations.search(a, square, options, progress=progress)
     count = np.array(len(found.history))
     done = norm_equations.DampedSolution(found.model, np.array(found.cost), np.array(True), count)
     done = _in_stated_frame(sensor, done)
-    _, null, gain = group_information(done.model, a)
-    at = axis_columns(groups)
+    _, null, gain = free.group_information(done.model, a)
+    at = norm_equations.axis_columns(groups)
     spread = row_covariance(observations, bench, steps, done.model.matrix)[np.ix_(at, at)]
     uniform = null @ np.diag(options.bounds.half_width**2 / 3) @ null
     whole = np.zeros((12, 3 * len(steps)))
@@ -159,7 +138,7 @@ def global_(
     return replace(estimate, notes=(_search_note(found, options), *estimate.notes, *beyond))
 
 
-def _search_note(found: SearchResult, options: SearchOptions) -> str:
+def _search_note(found: norm_equations.SearchResult, options: norm_equations.SearchOptions) -> str:
     """Return the note on goal, generations and errors of the search."""
     met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
     ended = "" if found.completed else f"; the time limit ended it after {found.seconds:.3g} s"
@@ -171,7 +150,7 @@ def _search_note(found: SearchResult, options: SearchOptions) -> str:
     )
 
 
-def _bound_warnings(model: AffineModel, options: SearchOptions) -> tuple[str, ...]:
+def _bound_warnings(model: AffineModel, options: norm_equations.SearchOptions) -> tuple[str, ...]:
     """Return the warning on coefficients that polishing or the frame moved beyond the bounds."""
     off = model.theta - IDENTITY_PARAMETERS
     past = np.flatnonzero(np.abs(off) > options.bounds.half_width * (1 + _BOUND_TOLERANCE)).tolist()
@@ -203,7 +182,7 @@ def _norm_estimate(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Sequence[Spin],
+    steps: Plan,
     used: tuple[Sequence[int], Sequence[int]],
     gain: Array,
     done: norm_equations.DampedSolution,
@@ -216,8 +195,8 @@ def _norm_estimate(
     norms, `decided` what decided the free directions and the source of their uncertainty.
     """
     level, groups = used
-    a, square = norm_observations(observations, bench, steps, groups)
-    at, r = axis_columns(groups), len(groups)
+    a, square = norm_equations.norm_observations(observations, bench, steps, groups)
+    at, r = norm_equations.axis_columns(groups), len(groups)
     spread = row_covariance(observations, bench, steps, done.model.matrix)[..., at, :][..., at]
     v = done.model.correct(a)
     length = np.linalg.norm(v, axis=-1)
@@ -225,13 +204,13 @@ def _norm_estimate(
     blocks = np.einsum("...aiaj->...aij", spread.reshape(*spread.shape[:-2], r, 3, r, 3))
     first = (0,) * length[..., 0].ndim
     one = AffineModel(done.model.matrix[first], done.model.offset[first])
-    left = free_directions(sensor, one, a[first], spread[first])
+    left = free.free_directions(sensor, one, a[first], spread[first])
     if sensor.frame != "mount":
         kept = norm_equations.frame_projection(done.model)
         covariance = kept @ covariance @ np.swapaxes(kept, -1, -2)
         gain = kept @ gain
     agreement = consistency(observations, sensor, bench, steps, done.model, gain, level, groups)
-    turns = undetermined_rotations(sensor, left)
+    turns = free.undetermined_rotations(sensor, left)
     return affine_estimate(
         sensor,
         done.model,
@@ -250,7 +229,7 @@ def _norm_estimate(
 
 
 def _free_direction_notes(
-    left: FreeDirections, turns: tuple[NullDirection, ...], decided: tuple[str, str]
+    left: free.FreeDirections, turns: tuple[NullDirection, ...], decided: tuple[str, str]
 ) -> tuple[str, ...]:
     """Return the notes on free directions, on what decided them, and on weak directions."""
     named = [one.words for one in (*turns, *left.unobserved)]

@@ -12,28 +12,26 @@ Sources: Camberlein and Mangeret, Calibration technique for strapdown inertial n
 Savage 2000, Strapdown Analytics; Aitken 1935 (generalised least squares).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import systematic_plan
 from inercal.benches.turntable.still_table import StillTable
-from inercal.calibration.forms import Frame
-from inercal.estimation import Estimate, Gaussian
-from inercal.methods._base import Method
+from inercal.estimation import Estimate
+from inercal.methods import Method, Priors, triangular_frame
 from inercal.methods.systematic.coefficient_rules import require_determined
-from inercal.methods.systematic.filter_estimators import solve_by_filter
+from inercal.methods.systematic.filter_estimators import sequential, solve_by_filter
 from inercal.methods.systematic.generalised_least_squares import LAG, solve
-from inercal.methods.systematic.live_filter import sequential
 from inercal.methods.systematic.remarks import remarks
-from inercal.methods.systematic.segment_tests import rest_change_test
 from inercal.methods.systematic.segments import (
+    rest_change_test,
     segments_of_track,
     shift_forces,
     shift_forces_of_track,
 )
-from inercal.physics.plan import TableStep
+from inercal.methods.turntable import Plan
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
@@ -44,8 +42,8 @@ def batch(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable | StillTable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by generalised least squares over all rests and turns.
 
@@ -78,16 +76,12 @@ def batch(
     return replace(estimate, tests=(*estimate.tests, rest_change_test(segments, sensor)))
 
 
-def _triangular(bench: Turntable) -> Frame:
-    return "triangular"
-
-
 def kalman(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable | StillTable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by a Kalman filter over the recording, in passes.
 
@@ -120,7 +114,7 @@ def _by_whole_samples_of_lag(solve_shifted: Callable[[int], Estimate], dt: float
     return replace(estimate, value=value)
 
 
-def _checked_track(observations: Observations, sensor: Sensor, priors: Sequence[Gaussian]) -> Track:
+def _checked_track(observations: Observations, sensor: Sensor, priors: Priors) -> Track:
     track = observations.track
     if track is None or track.reading.ndim != 2:
         raise InputError(
@@ -151,7 +145,7 @@ METHOD = Method(
     estimators={"batch": batch, "kalman": kalman},
     sequential=sequential,
     final_by_recording=True,
-    frame=_triangular,
+    frame=triangular_frame,
     remarks=remarks,
     without_angles=True,
     source="Camberlein and Mangeret; Savage 2000; generalised least squares (Aitken 1935)",

@@ -11,7 +11,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
-from inercal.estimation import Gaussian
+from inercal.methods import Priors
 from inercal.physics.frames import log_so3
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
@@ -26,9 +26,7 @@ _LEAST_TURN = radians(45)  # about an axis, over the path
 _ALIKE = {"k1_prime": "k2", "k3": "k1"}
 
 
-def require_determined(
-    sensor: Sensor, observations: Observations, priors: Sequence[Gaussian]
-) -> None:
+def require_determined(sensor: Sensor, observations: Observations, priors: Priors) -> None:
     """Refuse coefficients that these rests cannot determine, unless a prior states them.
 
     Parameters
@@ -70,17 +68,19 @@ def require_determined(
         return
     names = tuple(n for n in chosen if CoefficientName(n).term in _ALIKE)
     if names:
-        axis, term = CoefficientName(names[0]).parts
+        partners = [
+            f"{axis}.{_ALIKE[term]}" for axis, term in (CoefficientName(n).parts for n in names)
+        ]
         raise NotObserved(
             f"all rests are within 15° of the faces of a cube, where {', '.join(names)} cannot be "
-            f"told from {axis}.{_ALIKE[term]} (forces are gravity or zero): add rests at 45°, or "
+            f"told from {partners[0]} (forces are gravity or zero): add rests at 45°, or "
             "state a prior ([method.prior])",
-            tuple(f"{name} and {_partner(name)}" for name in names),
+            tuple(f"{name} and {other}" for name, other in zip(names, partners, strict=True)),
             names=names,
         )
 
 
-def require_turns(attitudes: Array, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+def require_turns(attitudes: Array, sensor: Sensor, priors: Priors) -> None:
     """Refuse coefficients of gyros for body axes about which the path does not turn.
 
     Parameters
@@ -113,11 +113,6 @@ def require_turns(attitudes: Array, sensor: Sensor, priors: Sequence[Gaussian]) 
             tuple(names),
             names=tuple(names),
         )
-
-
-def _partner(name: str) -> str:
-    axis, term = CoefficientName(name).parts
-    return f"{axis}.{_ALIKE[term]}"
 
 
 def _refuse_gauge(chosen: Sequence[str], gauge: Sequence[str], what: str, reason: str) -> None:

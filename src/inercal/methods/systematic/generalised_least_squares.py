@@ -16,6 +16,7 @@ from inercal.estimation import Candidate, Estimate, Gaussian, Problem
 from inercal.estimation.fitting import estimate_at_solution
 from inercal.estimation.nullspace import observability
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
+from inercal.methods import Priors
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
 from inercal.methods.systematic.coefficient_rules import (
@@ -68,9 +69,7 @@ def _start(segments: Segments, sensor: Sensor, latitude: float) -> tuple[Array, 
     return initial_attitudes(segments, ImuModel(sensor), nominal, latitude)
 
 
-def solve(
-    segments: Segments, sensor: Sensor, known: StillTable, priors: Sequence[Gaussian] = ()
-) -> Estimate:
+def solve(segments: Segments, sensor: Sensor, known: StillTable, priors: Priors = ()) -> Estimate:
     """Return the estimate of one recording.
 
     Parameters
@@ -191,9 +190,11 @@ def omitted_coefficients(
     declared : mapping of str to Parameter
         Gravity and latitude as stated.
     """
-    sensor, m, p = rows.model.sensor, rows.rests, rows.count
+    sensor, p = rows.model.sensor, rows.count
     extended = extended_sensor(sensor)
-    larger = replace(rows, model=ImuModel(_in_order(extended)))
+    # Coefficients of accelerometers come before those of gyros.
+    ordered = extended.with_coefficients(*extended.coefficients)
+    larger = replace(rows, model=ImuModel(ordered))
     values = dict(zip(sensor.coefficients, x[:p].tolist(), strict=True))
     names = larger.model.sensor.coefficients
     at = np.concatenate([[values.get(name, 0.0) for name in names], x[p:]])
@@ -203,19 +204,14 @@ def omitted_coefficients(
     q = len(names)
     column |= {"g": jacobian[:, q + 1], "latitude": jacobian[:, q + 2]}
     found = candidates_from_columns(rows.labels, sensor, sensor.coefficients, declared, column)
-    return [one for one in found if one.kind != "row"] + _row_candidates(rows, m)
+    return [one for one in found if one.kind != "row"] + _row_candidates(rows)
 
 
-def _in_order(sensor: Sensor) -> Sensor:
-    """Return a sensor whose coefficients of accelerometers come before those of gyros."""
-    return sensor.with_coefficients(*sensor.coefficients)
-
-
-def _row_candidates(rows: RestAndTurnRows, rests: int) -> list[Candidate]:
+def _row_candidates(rows: RestAndTurnRows) -> list[Candidate]:
     """Return each rest and each turn with arbitrary readings."""
     result: list[Candidate] = []
     turn_labels = rows.segments.turn_labels
-    for k in range(2 * rests - 1):
+    for k in range(2 * rows.rests - 1):
         at = slice(6 * k, 6 * k + 6)
         columns = np.zeros((len(rows.labels), 6))
         columns[at] = np.eye(6)

@@ -143,7 +143,9 @@ class ImuModel:
         self, segments: Segments, c: Array, motion: TurnMotion
     ) -> tuple[Array, Array]:
         """Return ∂ω/∂θ and ∂f/∂θ of each block of samples, (b, 3, q) and (b, 3, r)."""
-        return self.sensitivities_at(c, block_means(motion, block_edges(segments)))
+        turns = zip(segments.first.tolist(), segments.last.tolist(), strict=True)
+        edges = [k for first, last in turns for k in range(first, last, segments.block)]
+        return self.sensitivities_at(c, block_means(motion, np.array(edges, dtype=np.int64)))
 
     def sensitivities_at(self, c: Array, means: TurnMotion) -> tuple[Array, Array]:
         """Return ∂ω/∂θ and ∂f/∂θ where the motion is that of b blocks, as `sensitivities`."""
@@ -162,15 +164,6 @@ def block_means(motion: TurnMotion, edges: Indices) -> TurnMotion:
     size = np.diff(np.append(edges, len(motion.w)))[:, None]
     w, f, dw = (np.add.reduceat(part, edges, axis=0) / size for part in motion)
     return TurnMotion(w, f, dw)
-
-
-def block_edges(segments: Segments) -> Indices:
-    """Return the first sample of each block of the sensitivities, (b,)."""
-    turns = zip(segments.first.tolist(), segments.last.tolist(), strict=True)
-    each: list[Indices] = [
-        np.array(range(first, last, segments.block), dtype=np.int64) for first, last in turns
-    ]
-    return np.concatenate(each)
 
 
 def _invert(

@@ -20,6 +20,7 @@ Gravity and latitude are parameters with the deviations that the bench states.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +37,6 @@ from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.physics.frames import exp_so3, left_jacobian, log_so3, skew
 from inercal.physics.motion import Motion
-from inercal.physics.sensors import Sensor
 
 _UP = np.array([0.0, 0.0, 1.0])
 _ROWS = 6  # of each rest and of each turn
@@ -102,44 +102,53 @@ class RestAndTurnRows:
         x : (p + 3 + 3 m,) array
             Coefficients, lag, gravity, latitude, and ψ of each rest, SI.
         """
-        p, m = self.count, self.rests
-        c, lag, gravity, latitude = x[:p], float(x[p]), float(x[p + 1]), float(x[p + 2])
-        psi = x[p + 3 :].reshape(m, 3)
-        attitudes = exp_so3(psi) @ self.start
-        done, columns = self._navigate(c, lag, gravity, latitude, attitudes)
+        p, m, at = self.count, self.rests, self._point(x)
         residual = np.zeros((2 * m - 1, _ROWS))
         jacobian = np.zeros((2 * m - 1, _ROWS, x.size))
-        residual[::2], jacobian[::2] = self._rest_rows(c, gravity, latitude, attitudes, x.size)
-        residual[1::2], jacobian[1::2] = self._turn_rows(
-            done, columns, gravity, latitude, attitudes, x.size
-        )
-        left = left_jacobian(psi)
+        residual[::2], jacobian[::2] = self._rest_rows(at, x.size)
+        residual[1::2], jacobian[1::2] = self._turn_rows(at, x.size)
+        left = left_jacobian(at.psi)
         for k in range(m):
-            at = slice(p + 3 + 3 * k, p + 6 + 3 * k)
+            own = slice(p + 3 + 3 * k, p + 6 + 3 * k)
             near = slice(max(2 * k - 1, 0), 2 * k + 2)
-            jacobian[near, :, at] = jacobian[near, :, at] @ left[k]
+            jacobian[near, :, own] = jacobian[near, :, own] @ left[k]
         return residual.ravel(), jacobian.reshape(-1, x.size)
 
-    def _navigate(
-        self, c: Array, lag: float, gravity: float, latitude: float, attitudes: Array
-    ) -> tuple[Navigation, "_Columns"]:
-        motion = self.model.motion(self.segments, c, lag)
-        by = self.model.with_biases.sensitivities(self.segments, self.model.add_biases(c), motion)
-        done = integrate_navigation(
-            self.segments, motion, attitudes[:-1], earth_rate(latitude), gravity, lag, by=by,
-            white=self.white,
+    def _point(self, x: Array) -> "_Point":
+        psi = x[self.count + 3 :].reshape(self.rests, 3)
+        lag, gravity, latitude = x[self.count : self.count + 3].tolist()
+        attitudes = exp_so3(psi) @ self.start
+        return _Point(x[: self.count], lag, gravity, latitude, psi, attitudes)
+
+    def _navigate(self, at: "_Point") -> Navigation:
+        motion = self.model.motion(self.segments, at.c, at.lag)
+        biased = self.model.with_biases
+        by = biased.sensitivities(self.segments, self.model.add_biases(at.c), motion)
+        return integrate_navigation(
+            self.segments, motion, at.attitudes[:-1], earth_rate(at.latitude), at.gravity, at.lag,
+            by=by, white=self.white,
         )  # fmt: skip
-        return done, self._columns
 
     @cached_property
     def _columns(self) -> "_Columns":
-        return _Columns.of(self.model.sensor, self.model.with_biases.sensor)
+        sensor, full = self.model.sensor, self.model.with_biases.sensor
+        rates, forces = (full.select_axes(kind).coefficients for kind in ("w", "f"))
+        own_rate, own_force = (sensor.select_axes(kind).coefficients for kind in ("w", "f"))
+        place = {name: k for k, name in enumerate(sensor.coefficients)}
+        shift = len(rates)
+        return _Columns(
+            [place[name] for name in own_rate],
+            [place[name] for name in own_force],
+            [rates.index(name) for name in own_rate],
+            [shift + forces.index(name) for name in own_force],
+            [rates.index(bias_name(axis)) for axis in full.axes if axis.measures == "w"],
+            [shift + forces.index(bias_name(axis)) for axis in full.axes if axis.measures == "f"],
+        )
 
-    def _rest_rows(
-        self, c: Array, gravity: float, latitude: float, attitudes: Array, width: int
-    ) -> tuple[Array, Array]:
+    def _rest_rows(self, point: "_Point", width: int) -> tuple[Array, Array]:
         """Return residuals and derivatives of the means at rests."""
         p, m, sensor = self.count, self.rests, self.model.sensor
+        c, _, gravity, latitude, _, attitudes = point
         back = np.swapaxes(attitudes, -1, -2)
         earth = earth_rate(latitude)
         f, w = gravity * back @ _UP, back @ earth
@@ -155,17 +164,11 @@ class RestAndTurnRows:
             jacobian[k, :, p + 3 + 3 * k : p + 6 + 3 * k] = slope[k] @ turned[k]
         return self.segments.mean - at.reading, jacobian
 
-    def _turn_rows(
-        self,
-        done: Navigation,
-        columns: "_Columns",
-        gravity: float,
-        latitude: float,
-        attitudes: Array,
-        width: int,
-    ) -> tuple[Array, Array]:
+    def _turn_rows(self, point: "_Point", width: int) -> tuple[Array, Array]:
         """Return residuals and derivatives of turns: attitude, then velocity."""
         p, m = self.count, self.rests
+        done, columns = self._navigate(point), self._columns
+        _, _, gravity, latitude, _, attitudes = point
         seconds = self.segments.turn_seconds
         h = log_so3(attitudes[1:] @ np.swapaxes(done.attitude, -1, -2))
         jacobian = np.zeros((m - 1, _ROWS, width))
@@ -189,12 +192,8 @@ class RestAndTurnRows:
 
     def covariance(self, x: Array) -> Array:
         """Return the covariance of the residuals at x, (6 (2 m − 1), 6 (2 m − 1))."""
-        p, m = self.count, self.rests
-        psi = x[p + 3 :].reshape(m, 3)
-        attitudes = exp_so3(psi) @ self.start
-        done, columns = self._navigate(
-            x[:p], float(x[p]), float(x[p + 1]), float(x[p + 2]), attitudes
-        )
+        m = self.rests
+        done, columns = self._navigate(self._point(x)), self._columns
         count = 2 * m - 1
         result = np.zeros((count, _ROWS, count, _ROWS))
         seconds = self.segments.rest_seconds
@@ -222,8 +221,18 @@ class RestAndTurnRows:
         return 0.5 * (result + result.T)
 
 
-@dataclass(frozen=True, eq=False)
-class _Columns:
+class _Point(NamedTuple):
+    """What the parameters x of the rows state, SI."""
+
+    c: Array
+    lag: float
+    gravity: float
+    latitude: float
+    psi: Array  # (m, 3)
+    attitudes: Array  # (m, 3, 3)
+
+
+class _Columns(NamedTuple):
     """Places of columns: of x, of the sensitivities, and of the biases in these."""
 
     rate: list[int]
@@ -232,18 +241,3 @@ class _Columns:
     of_force: list[int]
     rate_bias: list[int]
     force_bias: list[int]
-
-    @classmethod
-    def of(cls, sensor: Sensor, full: Sensor) -> "_Columns":
-        rates, forces = (full.select_axes(kind).coefficients for kind in ("w", "f"))
-        own_rate, own_force = (sensor.select_axes(kind).coefficients for kind in ("w", "f"))
-        place = {name: k for k, name in enumerate(sensor.coefficients)}
-        shift = len(rates)
-        return cls(
-            [place[name] for name in own_rate],
-            [place[name] for name in own_force],
-            [rates.index(name) for name in own_rate],
-            [shift + forces.index(name) for name in own_force],
-            [rates.index(bias_name(axis)) for axis in full.axes if axis.measures == "w"],
-            [shift + forces.index(bias_name(axis)) for axis in full.axes if axis.measures == "f"],
-        )

@@ -1,4 +1,7 @@
-"""A recording cut into rests and the turns between them, with what noise and drift each has."""
+"""A recording cut into rests and the turns between them, with what noise and drift each has.
+
+A test compares the two halves of each rest: a table that creeps or is knocked fails it.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -8,10 +11,14 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
+from inercal.estimation import ModelTest
+from inercal.methods.turntable.drift import covariance_of_means
 from inercal.physics.sensors import Sensor
-from inercal.recordings import ReadingSteps, RoundingErrors, Track, sample_count
+from inercal.recordings import ReadingSteps, Track, sample_count
+from inercal.recordings.rounding_errors import RoundingErrors
 from inercal.recordings.segments.reading_steps import reading_steps
 
+HALVES = "halves of the rests"
 MIN_RESTS = 6
 FILTER_NOISE = 0.5  # of a step, that the gyros of a filter have at least: it knows no rounding
 BLOCK_SECONDS = 0.1  # of samples over which sensitivities are summed
@@ -224,3 +231,27 @@ def _rest_ranges(hold: Indices) -> Indices:
         [(a, b) for a, b in pairwise(edges.tolist()) if hold[a] >= 0],
         dtype=np.int64,
     ).reshape(-1, 2)
+
+
+def rest_change_deviations(segments: Segments, sensor: Sensor) -> Array:
+    """Return the second half's mean minus the first's, over its sd, (m, 6)."""
+    noises = [axis.noise for axis in sensor.axes]
+    white = np.array([one.white**2 for one in noises])
+    result = segments.halves[1] - segments.halves[0]
+    start, stop = segments.start[::2], segments.stop[::2]
+    for k, (a, b) in enumerate(zip(start.tolist(), stop.tolist(), strict=True)):
+        middle = 0.5 * (a + b)
+        drift = covariance_of_means(
+            noises, np.array([a, middle]), np.array([middle, b]), segments.run
+        )
+        variance = 4 * white / (b - a) + drift[0, 0] + drift[1, 1] - 2 * drift[0, 1]
+        if segments.rounding is not None:  # each half has an error
+            variance = variance + 2 * segments.rounding.steps.variance
+        result[k] /= np.sqrt(variance)
+    return result
+
+
+def rest_change_test(segments: Segments, sensor: Sensor) -> ModelTest:
+    """Return the χ² test of all halves."""
+    z = rest_change_deviations(segments, sensor)
+    return ModelTest(HALVES, float((z**2).sum()), z.size)

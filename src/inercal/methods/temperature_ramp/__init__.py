@@ -13,26 +13,34 @@ degrees is followed along the instants at which its reading changes
 
 Only biases are found: scale factors need motion. Of an accelerometer that reads the vertical part
 f of gravity the result is b(T) + s(T) f.
+
+**Findings and notes on a ramp: lag, direction, hysteresis, drift, and what accelerometers mix.**
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from inercal.basics.arrays import Array
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Hand
-from inercal.estimation import Estimate, Gaussian
-from inercal.methods._base import Method
-from inercal.methods.temperature_ramp.node_fit import fit_along_nodes
-from inercal.methods.temperature_ramp.ramp_fit import fit_ramp
-from inercal.methods.temperature_ramp.ramp_model import ramp_model
-from inercal.methods.temperature_ramp.ramp_remarks import remarks
+from inercal.estimation import Estimate
+from inercal.methods import Fit, Method, Priors, Remarks
+from inercal.methods.temperature_ramp.blocks import RampBlocks
+from inercal.methods.temperature_ramp.node_fit import NodeProblem, fit_along_nodes
+from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, fit_ramp, ramp_model
 from inercal.methods.temperature_ramp.thermometer_steps import TRUNCATION
 from inercal.physics.plan import Hold
 from inercal.physics.sensors import Sensor
-from inercal.recordings import Observations
+from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
+from inercal.recordings import Finding, Observations
 from inercal.recordings.environment import Environment
-from inercal.recordings.environment.common_errors import with_temperature_shift
+from inercal.recordings.environment.soaks import with_temperature_shift
+
+_STRONG = 0.9  # correlation of temperature and time
+_BINS = 20  # of the temperature, in which rising and falling are compared
 
 
 def rest(seconds: float = 3600.0) -> tuple[Hold, ...]:
@@ -45,7 +53,7 @@ def ramp(
     sensor: Sensor,
     bench: Hand,
     steps: Sequence[Hold],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     *,
     environment: Environment | None = None,
 ) -> Estimate:
@@ -78,6 +86,192 @@ def ramp(
     estimate = replace(fit(model, priors, found), residual=np.zeros(0), whitened=np.zeros(0))
     sd = found.temperature_sd or TRUNCATION * model.blocks.step
     return with_temperature_shift(estimate, sensor, sd)
+
+
+class Hysteresis(NamedTuple):
+    """Half of the difference between rising and falling at equal temperatures, by axis, SI."""
+
+    axis: str
+    kelvin: Array
+    half: Array
+
+
+def hysteresis(model: RampModel, x: Array) -> list[Hysteresis]:
+    """Return the loops of each axis beyond the model; none of a one-way ramp.
+
+    Parameters
+    ----------
+    model : RampModel
+    x : (p,) array
+        Its parameters, SI.
+    """
+    blocks, sensor = model.blocks, model.sensor
+    if blocks.is_monotonic:
+        return []
+    dT, residual = model.temperature_offset(x), model.residual(x)
+    edges: Array = np.linspace(float(dT.min()), float(dT.max()), _BINS + 1)
+    place = np.minimum(np.searchsorted(edges[1:], dT), _BINS - 1)
+    found: list[Hysteresis] = []
+    for k, axis in enumerate(sensor.axes):
+        kelvin: list[float] = []
+        half: list[float] = []
+        for one in range(_BINS):
+            up = residual[(place == one) & (blocks.rate > 0), k]
+            down = residual[(place == one) & (blocks.rate < 0), k]
+            if up.size and down.size:
+                kelvin.append(0.5 * float(edges[one] + edges[one + 1]))
+                half.append(0.5 * float(up.mean() - down.mean()))
+        at = np.array(kelvin) + sensor.reference_temperature
+        found.append(Hysteresis(axis.name, at, np.array(half)))
+    return found
+
+
+def lag_and_rate_correlation(blocks: RampBlocks, slope: Array, whitening: Array) -> float:
+    """Return the correlation of the lag with the term of dT/dt, of one axis.
+
+    Both are estimated beside a constant and a polynomial of order 3.
+
+    Parameters
+    ----------
+    slope : (b,) array
+        db/dT.
+    whitening : (b, b) array
+    """
+    span = 0.5 * float(np.ptp(blocks.kelvin))
+    x = (blocks.kelvin - blocks.kelvin.mean()) / span
+    beside = whitening @ np.stack([x**k for k in range(4)], axis=-1)
+    both = whitening @ np.stack([slope * blocks.rate, blocks.rate], axis=-1)
+    both /= np.linalg.norm(both, axis=0)
+    basis = np.linalg.qr(beside)[0]
+    rest = both - basis @ (basis.T @ both)
+    sizes = np.linalg.norm(rest, axis=0)
+    if not np.all(sizes > 0):
+        return -1.0
+    # The covariance of two columns is the inverse of their Gram matrix: the sign is reversed.
+    return -float(rest[:, 0] @ rest[:, 1] / (sizes[0] * sizes[1]))
+
+
+def remarks(fit: Fit[Any, Any]) -> Remarks:
+    """Return findings, notes and conditions of a ramp."""
+    model, x = ramp_model(fit.observations, fit.sensor, fit.environment), fit.estimate.value
+    if model.blocks.course is not None:
+        model = NodeProblem(model).solved(x)
+    blocks, sensor = model.blocks, model.sensor
+    loops = _loop_conditions(model, x)
+    correlation = float(np.corrcoef(blocks.kelvin, blocks.time)[0, 1])
+    conditions = {"correlation of temperature and time": f"{correlation:+.3f}"} | loops
+    lag_sd = 0.0
+    if LAG in model.nuisances:
+        lag_sd = float(fit.estimate.std[model.names.index(LAG)])
+        conditions["lag of the temperature"] = _lag_text(model.lag_of(x), lag_sd)
+    notes = list(_lag_notes(model, x, lag_sd))
+    if blocks.step:
+        conditions["step of the thermometer"] = f"{blocks.step:.3g} K"
+        notes += _step_notes(model, fit.environment)
+    if loops:
+        notes.append(
+            "half the loop between rising and falling temperature (conditions) is not corrected; "
+            "it adds its size over √3 to u of each use"
+        )
+    if sensor.select_axes("f").axes:
+        notes.append(
+            "a rest does not separate bias and scale factor of accelerometers: an axis along "
+            "gravity shows b(T) + s(T) · 1 g, and a case that bends with temperature adds g times "
+            "its tilt to the level axes"
+        )
+    findings: list[Finding] = []
+    lag_is_stated = fit.environment is not None and fit.environment.lag is not None
+    if blocks.is_monotonic and not lag_is_stated:
+        findings.append(_one_way_finding(model, x))
+    if abs(correlation) > _STRONG:
+        findings.append(
+            Finding(
+                "warning",
+                "drift_in_time",
+                f"temperature and time rise together (correlation {correlation:+.3f}): a drift in "
+                "time cannot be told from b(T); go up and down",
+            )
+        )
+    return Remarks(tuple(findings), tuple(notes), conditions)
+
+
+def _lag_text(lag: float, sd: float) -> str:
+    return f"{lag:.1f} ± {2 * sd:.1f} s (k = 2)"
+
+
+def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
+    """Return the largest half loop of each axis, in words."""
+    measures = {axis.name: axis.measures for axis in model.sensor.axes}
+    found: dict[str, str] = {}
+    for one in hysteresis(model, x):
+        if one.half.size:
+            size, unit = BIAS_UNITS[measures[one.axis]]
+            k = int(np.abs(one.half).argmax())
+            found[f"hysteresis of {one.axis}"] = (
+                f"{one.half[k] / size:+.3g} {unit} at {one.kelvin[k] - ZERO_CELSIUS:.1f} °C"
+            )
+    return found
+
+
+def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
+    """Return what the lag is, and what it and the random walk of the bias add."""
+    blocks, k = model.blocks, model.steepest_axis(x)
+    axis = model.sensor.axes[k]
+    size, unit = BIAS_UNITS[axis.measures]
+    shift = model.largest_shift(x, k)
+    walk = axis.noise.random_walk * float(np.sqrt(blocks.time[-1])) / size
+    fastest = 60 * float(np.abs(blocks.rate).max())
+    if LAG in model.nuisances:
+        r = lag_and_rate_correlation(blocks, model.slope(x, k), model.whitening[k])
+        lag = (
+            f"the recorded temperature is behind the sensing element by "
+            f"{_lag_text(model.lag_of(x), lag_sd)}; the correlation of this lag with a term of "
+            f"dT/dt is {r:+.4f}, and only one of the two is estimated"
+        )
+        error = f"an error of the lag by its u shifts b(T) by {shift * lag_sd:.2g} {unit}"
+    else:
+        lag = (
+            f"the lag of the temperature is taken as {model.lag:g} s and not estimated: where the "
+            "bias is a line in temperature, a term of dT/dt and the lag are one"
+        )
+        error = f"an error of the lag by 1 s shifts b(T) by {shift:.2g} {unit}"
+    return lag, (
+        f"the temperature moves at {fastest:.2f} K/min at most; on {axis.name} {error}, and the "
+        f"random walk of the bias over the run is {walk:.2g} {unit}"
+    )
+
+
+def _step_notes(model: RampModel, environment: Environment | None) -> list[str]:
+    """Return what the steps of a coarse thermometer mean for the result."""
+    blocks, notes = model.blocks, list[str]()
+    if blocks.course is not None:
+        crossings = blocks.course.nodes.crossings
+        refreshed = ""
+        if crossings.refreshed > 1.5 * float(blocks.seconds / blocks.samples):
+            refreshed = f", which is renewed every {crossings.refreshed:.3g} s"
+        notes.append(
+            f"the thermometer reports steps of {blocks.step:.3g} K{refreshed}: its course is taken "
+            f"from the {crossings.time.size} instants at which its reading changes"
+        )
+    if environment is None or not environment.temperature_sd:
+        notes.append(
+            "whether the thermometer rounds or truncates is not known: truncated temperatures are "
+            f"{blocks.step / 2:.3g} K too low, all alike, and U includes this; state [environment] "
+            "temperature_sd where it is known"
+        )
+    return notes
+
+
+def _one_way_finding(model: RampModel, x: Array) -> Finding:
+    k = model.steepest_axis(x)
+    axis = model.sensor.axes[k]
+    return Finding(
+        "warning",
+        "one_way",
+        f"the temperature goes one way: b(T) is shifted by b′ Ṫ τ, "
+        f"{model.largest_shift(x, k):.2g} {BIAS_UNITS[axis.measures][1]} a second of lag on "
+        f"{axis.name}, unless τ is known; go up and down, or state [environment] lag",
+    )
 
 
 METHOD = Method(

@@ -11,8 +11,8 @@ walk K of an axis give the covariance of the weighted means; a constant of each 
 beside, which takes the part of the drift that all blocks share.
 
 A thermometer that reports whole or half degrees says when it passes a step, and smoothing destroys
-that: there the course is a spline through the crossings, whose nodes are
-estimated (`inercal.methods.temperature_ramp.course_nodes`), and blocks are shorter and unweighted.
+that: there the course is a spline through the crossings, whose nodes are estimated
+(`inercal.methods.temperature_ramp.thermometer_steps`), and blocks are shorter and unweighted.
 """
 
 from dataclasses import dataclass, replace
@@ -23,8 +23,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.methods.temperature_ramp.course_nodes import CourseNodes, course_nodes
-from inercal.methods.temperature_ramp.thermometer_steps import find_crossings, thermometer_step
+from inercal.methods.temperature_ramp import thermometer_steps
 from inercal.physics.sensors import Noise, Sensor
 from inercal.recordings import Track
 from inercal.recordings.segments.drift import even_drift_covariance
@@ -53,7 +52,7 @@ class NodeMeans(NamedTuple):
         Means of R and dR/dt over each block per value of a node.
     """
 
-    nodes: CourseNodes
+    nodes: thermometer_steps.CourseNodes
     kelvin: Array
     rate: Array
 
@@ -113,7 +112,7 @@ class RampBlocks:
                 break
             found = cls._of_length(track, factor * shortest)
         assert track.temperature is not None
-        step = thermometer_step(track.temperature)
+        step = thermometer_steps.thermometer_step(track.temperature)
         if step is None or step < _COARSE_STEP:
             return found
         found = replace(found, step=step)
@@ -140,10 +139,10 @@ class RampBlocks:
         time, kelvin = track.time - track.time[0], track.temperature
         period = float(time[-1]) / (time.size - 1)
         ends = -0.5 * period, float(time[-1]) + 0.5 * period
-        crossings = find_crossings(time, kelvin, step).within(*ends)
+        crossings = thermometer_steps.find_crossings(time, kelvin, step).within(*ends)
         if crossings.time.size < _LEAST_CROSSINGS:
             return None
-        nodes = course_nodes(crossings, ends, float(kelvin[0]), float(kelvin[-1]))
+        nodes = thermometer_steps.course_nodes(crossings, ends, float(kelvin[0]), float(kelvin[-1]))
         cut = _Cut.of_length(track, max(_SHORTEST_BLOCK_OF_STEPS, float(time[-1]) / MOST_BLOCKS))
         edges = ends[0] + cut.seconds * np.arange(cut.number + 1)
         course = NodeMeans(nodes, *nodes.means(edges))

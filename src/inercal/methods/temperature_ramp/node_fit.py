@@ -10,7 +10,6 @@ exponential, and b(R) fits as well as b(T). If χ² without a lag is hardly larg
 followed the noise: then neither the lag nor its uncertainty means anything.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,9 +18,9 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
-from inercal.estimation import Estimate, Gaussian
-from inercal.methods.temperature_ramp.ramp_fit import solve_ramp
-from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel
+from inercal.estimation import Estimate
+from inercal.methods import Priors
+from inercal.methods.temperature_ramp.ramp_fit import LAG, RampModel, solve_ramp
 from inercal.methods.temperature_ramp.thermometer_steps import is_one_exponential
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings.environment import Environment
@@ -33,9 +32,7 @@ _NO_LAG = 0.5  # s
 LEAST_GAIN = 60.0  # of χ² by a lag; between the good and the bad cases that were simulated
 
 
-def fit_along_nodes(
-    model: RampModel, priors: Sequence[Gaussian], environment: Environment
-) -> Estimate:
+def fit_along_nodes(model: RampModel, priors: Priors, environment: Environment) -> Estimate:
     """Return the estimate of a ramp with a coarse thermometer.
 
     A stated lag with its uncertainty is a prior where the data determine a lag, and is taken as
@@ -88,9 +85,7 @@ def _with_lag(model: RampModel, lag: float) -> RampModel:
     return model._replace(nuisances=tuple(n for n in model.nuisances if n != LAG), lag=lag)
 
 
-def _fit(
-    model: RampModel, priors: Sequence[Gaussian], environment: Environment, lag: float
-) -> Estimate:
+def _fit(model: RampModel, priors: Priors, environment: Environment, lag: float) -> Estimate:
     rows = len(model.names) + 1
     linearise = NodeProblem(model).linearise
     estimate = solve_ramp(model, priors, environment, linearise, rows, lag)
@@ -111,10 +106,9 @@ def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
             "the warm-up had already become one exponential: start recording before the "
             "temperature changes; "
         )
-    k = max(range(len(model.sensor.axes)), key=lambda k: model.largest_shift(x, k, in_noise=True))
+    k = model.steepest_axis(x)
     axis = model.sensor.axes[k]
-    size, unit = BIAS_UNITS[axis.measures]
-    shift = model.largest_shift(x, k) / size
+    shift, unit = model.largest_shift(x, k), BIAS_UNITS[axis.measures][1]
     return NotObserved(
         f"not observed: lag, the time by which the thermometer is behind. It reports steps of "
         f"{crossings.step:.3g} K{one_way}, and without lag χ² is larger "

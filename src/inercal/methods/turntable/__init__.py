@@ -1,15 +1,100 @@
 """What the methods of a turntable share: the model of a triad, and its attitude by the gyros.
 
 The methods are `turntable_kalman`, `turntable_discrete` and `turntable_trajectory`.
+
+**Remarks on a fit: parameters of the turntable that are far from the values in the run file.**
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from math import degrees, radians, sqrt
 
-from inercal.methods._base import Kind
+import numpy as np
 
+from inercal.basics.parameters import Parameter
+from inercal.basics.units import format_quantity
+from inercal.benches.turntable.bench import Turntable
+from inercal.estimation import Estimate
+from inercal.methods import Fit, Remarks
+from inercal.physics.plan import TableStep
+from inercal.physics.quantities import Measures
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Track
+
+Plan = Sequence[TableStep]
+
+# Standard deviations: of twenty parameters as stated, one run in 800 has one
+_MAX_DEVIATION_SD = 4.0
+_MAX_SD_RATIO = 0.8  # of the stated deviation: less than a third of the variance is from the data
+_SOURCE_BIAS_SD = radians(0.004) / 60  # rad/s
+_BENCH_KEYS = {
+    "lean_x": "lean", "lean_y": "lean", "square_1": "square", "square_2": "square",
+    "azimuth": "azimuth", "latency": "latency", "clock": "clock", "g": "gravity",
+}  # fmt: skip
+_UNITS = {"s": "ms", "1": "ppm", "m": "mm", "m/s²": "m/s²"}
 _TRIAD = ("bias", "scale", "misalignment")
-DEFAULT_COEFFICIENTS: Mapping[Kind, tuple[str, ...]] = {"f": _TRIAD, "w": _TRIAD}
-FURTHER_COEFFICIENTS: Mapping[Kind, tuple[str, ...]] = {
+DEFAULT_COEFFICIENTS: Mapping[Measures, tuple[str, ...]] = {"f": _TRIAD, "w": _TRIAD}
+FURTHER_COEFFICIENTS: Mapping[Measures, tuple[str, ...]] = {
     "f": ("k2", "temperature"),
     "w": ("g", "temperature"),
 }
+
+
+def remarks(fit: Fit[Turntable, TableStep]) -> Remarks:
+    """Return findings on stated values and, for the source's estimator, a note on the noise."""
+    if not np.all(fit.estimate.converged):
+        return Remarks()
+    track, notes = fit.observations.track, ()
+    if fit.estimator == "paper" and track is not None and fit.sensor.select_axes("w").axes:
+        notes = (source_noise_note(fit.sensor, track),)
+    stated = fit.bench.nuisances(fit.steps, fit.sensor)
+    return Remarks(stated_value_findings(fit.estimate, stated), notes)
+
+
+def source_noise_note(sensor: Sensor, track: Track) -> str:
+    """Return the smallest uncertainty of the gyros' biases that noise allows over the last rest.
+
+    The source states 0.004 °/min from 72 s of rest.
+    """
+    held = track.time[track.hold == track.hold.max()]
+    seconds = float(held[-1] - held[0])
+    white = max(axis.noise.white for axis in sensor.axes if axis.measures == "w")
+    least, needed = (
+        degrees(x) * 60 for x in (white / sqrt(seconds), _SOURCE_BIAS_SD * sqrt(seconds))
+    )
+    return (
+        f"the gyros' noise over the last rest, {seconds:.3g} s, leaves u {least:.2g} °/min of each "
+        f"bias; the source's 0.004 °/min needs a noise below {needed:.2g} °/√h"
+    )
+
+
+def stated_value_findings(
+    estimate: Estimate, expected: Mapping[str, Parameter]
+) -> tuple[Finding, ...]:
+    """Return a warning for each parameter of the table that is far from what was stated.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Without a trial axis.
+    expected : mapping of str to Parameter
+        The table's parameters by name, as they were stated.
+    """
+    found: list[Finding] = []
+    for name, value, sd in zip(
+        estimate.names, estimate.value.tolist(), estimate.std.tolist(), strict=True
+    ):
+        stated = expected.get(name)
+        if stated is None or not stated.sd > 0 or sd > _MAX_SD_RATIO * stated.sd:
+            continue
+        # The shift by the data against its standard deviation, without the share of the prior.
+        pull = abs(value - stated.value) / sqrt(stated.sd**2 - sd**2)
+        if pull > _MAX_DEVIATION_SD:
+            unit = _UNITS.get(stated.unit) or ("″" if abs(value) + stated.sd < 1e-3 else "°")
+            key = _BENCH_KEYS.get(name) or ("lever" if name.startswith("lever") else "harmonics")
+            text = (
+                f"{stated.meaning}: found {format_quantity(value, sd, unit)}, stated "
+                f"{format_quantity(stated.value, stated.sd, unit)}, {pull:.1f} standard deviations "
+                f"away: look at [bench] {key}"
+            )
+            found.append(Finding("warning", "bench", text.replace("-", "−")))
+    return tuple(found)

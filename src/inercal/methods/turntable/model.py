@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
@@ -22,9 +21,9 @@ from inercal.benches.turntable.attitude import (
 )
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, MIN_REST_SECONDS
-from inercal.estimation import Gaussian, NullDirection
+from inercal.estimation import NullDirection
 from inercal.estimation.nullspace import row_echelon_form
-from inercal.methods import temperature
+from inercal.methods import Priors, temperature
 from inercal.methods.observability import direction_in_words
 from inercal.methods.turntable.drift import NO_DRIFT, Drift, drift_model
 from inercal.methods.turntable.terms import BIAS, Terms, terms
@@ -73,7 +72,7 @@ class TriadModel:
 
     sensor: Sensor
     terms: Terms
-    channels: NDArray[np.int64]
+    channels: Indices
     white: Array
     drift: Drift
     expected_sizes: Mapping[str, float] = field(default_factory=lambda: EXPECTED_SIZES)
@@ -129,9 +128,7 @@ def expected_size(part: TriadModel) -> Array:
     )
 
 
-def initial_estimate(
-    part: TriadModel, priors: Sequence[Gaussian], coarse: Array
-) -> tuple[Array, Array]:
+def initial_estimate(part: TriadModel, priors: Priors, coarse: Array) -> tuple[Array, Array]:
     """Return coefficients and their covariance before the data.
 
     Parameters

@@ -26,7 +26,7 @@ from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_r
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import Candidate
-from inercal.estimation.scores import Kind
+from inercal.estimation.scores import CandidateKind
 from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, largest_angle
 from inercal.methods.turntable.model import TriadModel
 from inercal.physics.frames import exp_so3, log_so3
@@ -48,7 +48,7 @@ class ConstantColumn:
     """One constant: its name and unit, the largest plausible size, SI, the candidates it is in."""
 
     name: str
-    kind: Kind
+    kind: CandidateKind
     unit: str
     largest: float
     families: tuple[str, ...]
@@ -315,6 +315,7 @@ def candidates(
         for name in one.families:
             found.setdefault(name, []).append(k)
     result: list[Candidate] = []
+    by_column = np.ascontiguousarray(rows.T)  # whole columns are taken from it
     for name, at in found.items():
         if len(at) == 1 and columns[at[0]].families[-1] != name:
             continue  # what is alone in its family is a candidate by itself
@@ -325,7 +326,7 @@ def candidates(
                 chosen[0].kind,
                 tuple(one.name for one in chosen),
                 tuple(one.unit for one in chosen),
-                rows[:, at],
+                by_column[at].T,
                 None if moved is None else moved[:, at],
                 np.array([one.largest for one in chosen]),
             )

@@ -19,7 +19,7 @@ from inercal.methods.turntable.small_matrices import (
     write_matrix,
     write_row,
 )
-from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
+from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE, Terms
 from inercal.recordings import STAMP_ROUNDING
 
 # A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2 where its slope
@@ -117,36 +117,19 @@ def _invert(m: Array, out: Array) -> None:
 
 
 @kernel_step
-def inverse_scale_matrix(
-    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, work: Array, out: Array
-) -> None:
-    """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`).
+def inverse_scale_matrix(terms: Terms, c: Array, warmth: float, work: Array, out: Array) -> None:
+    """Write M = (N + S)⁻¹, S the part of the coefficients c that is linear in u, or in u ΔT.
 
     `work` (3, 3) is overwritten.
     """
+    nominal, axis, weights, first = terms
+    warmed = weights.shape[1] > BASIS
     copy_matrix(nominal, work)
     for m in range(axis.size):
         for k in range(3):
-            work[axis[m], k] += c[m] * weights[m, first + k]
-    _invert(work, out)
-
-
-@kernel_step
-def inverse_scale_matrix_at_temperature(
-    nominal: Array,
-    axis: Indices,
-    weights: Array,
-    c: Array,
-    first: int,
-    warmth: float,
-    work: Array,
-    out: Array,
-) -> None:
-    """Write M at a temperature: S has the part that is linear in u ΔT too."""
-    copy_matrix(nominal, work)
-    for m in range(axis.size):
-        for k in range(3):
-            by = weights[m, first + k] + warmth * weights[m, TEMPERATURE + first + k]
+            by = weights[m, first + k]
+            if warmed:
+                by += warmth * weights[m, TEMPERATURE + first + k]
             work[axis[m], k] += c[m] * by
     _invert(work, out)
 
@@ -184,10 +167,9 @@ def added_term_indices(used: Indices, first: int) -> Indices:
 
 
 @kernel_step
-def sum_reading_terms(
-    axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array
-) -> None:
+def sum_reading_terms(terms: Terms, c: Array, drift: Array, used: Indices, by: Array) -> None:
     """Write the factor of each term of φ in the readings, (BASIS, 3); drift adds to the first."""
+    _, axis, weights, _ = terms
     for t in range(used.size):
         b = used[t]
         for i in range(3):
@@ -224,19 +206,13 @@ def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made
 
 @kernel_step
 def write_transition_columns(
-    made: Array,
-    axis: Indices,
-    weights: Array,
-    used: Indices,
-    sign: float,
-    first: int,
-    components: int,
-    a: Array,
+    made: Array, terms: Terms, used: Indices, sign: float, components: int, a: Array
 ) -> None:
-    """Write the columns of coefficients, from `first` on, and of the drift; begin a new sum.
+    """Write the columns of coefficients, behind a square, and of the drift; begin a new sum.
 
     Of each bias the drift is the sum of so many components.
     """
+    (_, axis, weights, _), first = terms, len(a)
     gm = first + axis.size
     for s in range(axis.size):
         for k in range(3):

@@ -12,9 +12,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, Sensor
@@ -28,12 +27,12 @@ class Terms(NamedTuple):
     """Of three axes and p coefficients."""
 
     nominal: Array  # N, (3, 3)
-    axis: NDArray[np.int64]  # a(m), (p,)
+    axis: Indices  # a(m), (p,)
     weights: Array  # T, (p, BASIS), or (p, 2 BASIS + 1) where the sensor depends on temperature
     first: int  # index of u in φ
 
     @property
-    def bias(self) -> NDArray[np.bool_]:
+    def bias(self) -> Bools:
         """Which coefficients are biases, (p,)."""
         return np.abs(self.weights) @ (np.arange(self.size) != BIAS) == 0
 

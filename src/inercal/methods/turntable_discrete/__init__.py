@@ -8,47 +8,208 @@ over the run. Accelerometers in rotations are not used: an unstated lever arm wo
 
 Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
 Navigation Technology, 2nd edition, chapter 8.
+
+**The mean motion that an IMU on a turntable senses in a position, and over a rotation.**
+
+The readback's attitude C_k at times t_k is off by a small rotation φ_k = B_k β in the level frame::
+
+    f̄ = mean Cᵀ(v + v × φ),  v = (0, 0, g)
+    ω̄ = mean Cᵀ(Ω + Ω × φ) + Σ log(C_kᵀ C_k+1)/T + Σ Cᵀ (φ_k+1 − φ_k)/T
+
+with means by trapezoids, Ω the earth's rate. Over whole turns harmonics cancel by themselves. A
+readback that is late shifts the sum by its two ends: nothing from rest to rest or at a steady rate.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from math import copysign, pi
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.parameters import Parameter
+from inercal.benches import MeanMotion
+from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
-from inercal.estimation import Estimate, Gaussian, Problem
+from inercal.estimation import Estimate, Problem
 from inercal.estimation import least_squares as solve
-from inercal.methods import mean_problem
-from inercal.methods._base import Method
+from inercal.methods import Method, Priors, mean_problem
 from inercal.methods.observability import require_observed
-from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, Plan, remarks
 from inercal.methods.turntable.drift import covariance_of_means
-from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable.score_columns import families
-from inercal.methods.turntable_discrete.mean_motion import (
-    AxisAngles,
-    declared_parameters,
-    planned_angles,
-    sensed_motion,
-    stack_row_means,
-    time_mean,
-)
-from inercal.physics.plan import Position, Rotation, TableStep
+from inercal.physics.earth import earth_rate_up_north
+from inercal.physics.frames import log_so3
+from inercal.physics.motion import Motion
+from inercal.physics.plan import Position, Rotation
 from inercal.physics.sensors import Sensor
 from inercal.recordings import STAMP_ROUNDING, Observations, Track
 
+_TURN_POINTS = 361  # points of one turn that is taken from the plan
 _MIN_SAMPLES = 3  # samples of a row
 
 
+@dataclass(frozen=True, eq=False)
+class AxisAngles:
+    """How the axes stood or turned in one row.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s; one sample is a position.
+    angles : (..., n, k) array
+        Readback, rad, the outermost axis first.
+    """
+
+    time: Array
+    angles: Array
+
+
+def declared_parameters(bench: Turntable) -> dict[str, Parameter]:
+    """Return the bench's parameters by name, with its latitude, which is exact."""
+    meaning = "latitude of the bench"
+    latitude = Parameter("latitude", "rad", 0.0, "run", bench.latitude, meaning)
+    return bench.acting_parameters() | {"latitude": latitude}
+
+
+def planned_angles(bench: Turntable, steps: Plan) -> list[AxisAngles]:
+    """Return the ways that steps ask for; of a rotation one turn at its steady rate.
+
+    Parameters
+    ----------
+    bench : Turntable
+    steps : sequence of TableStep
+        In the order they were carried out: a rotation may begin where the step before has ended.
+    """
+    now = np.zeros(len(bench.axes))
+    ways: list[AxisAngles] = []
+    for step in steps:
+        if step.angles is not None:
+            now = np.array(step.angles, dtype=float)
+        if isinstance(step, Position):
+            ways.append(AxisAngles(np.zeros(1), now[None]))
+            continue
+        turned = np.zeros((_TURN_POINTS, len(now)))
+        turned[:, step.axis] = np.linspace(0, copysign(2 * pi, step.angle), _TURN_POINTS)
+        ways.append(AxisAngles(np.linspace(0, 2 * pi / step.rate, _TURN_POINTS), now + turned))
+        now = now.copy()
+        now[step.axis] += step.angle
+    return ways
+
+
+def time_mean(values: Array, time: Array) -> Array:
+    """Return the mean of values (..., n, k) over time by trapezoids; of one sample itself."""
+    return _time_weights(time) @ values
+
+
+def _time_weights(time: Array) -> Array:
+    """Return the share of each sample in a mean over time by trapezoids, (n,)."""
+    if len(time) == 1:
+        return np.ones(1)
+    steps = np.diff(time) / (time[-1] - time[0])
+    weights = np.zeros(len(time))
+    weights[1:] += 0.5 * steps
+    weights[:-1] += 0.5 * steps
+    return weights
+
+
+def row_means(bench: Turntable, way: AxisAngles) -> MeanMotion:
+    """Return the sensed motion in one row with the bench as its readback says.
+
+    Raises
+    ------
+    InputError
+        Angles of another number of axes.
+    """
+    time, mat = way.time, reference_attitude(bench, way.angles)
+    seen = linear_misalignment(bench, way.angles)
+    up, north = earth_rate_up_north(bench.latitude)
+    force, earth = np.array([0, 0, bench.gravity.value]), np.array([0, north, up])
+    back = np.swapaxes(mat, -1, -2)
+    weighted = _time_weights(time)[:, None, None] * back
+    mean = weighted.sum(axis=-3)
+    # Means of products of an element of Cᵀ and one of B: (..., 9, 3 q) of n samples.
+    products = np.swapaxes(weighted.reshape(*mat.shape[:-2], 9), -1, -2) @ seen.by.reshape(
+        *mat.shape[:-2], -1
+    )
+    products = products.reshape(*products.shape[:-2], 3, 3, 3, -1)
+
+    def moved(v: Array) -> Array:
+        """Return mean Cᵀ (v × B), (..., 3, q)."""
+        return np.einsum("jk,...ijkq->...iq", np.cross(v, np.eye(3)).T, products)
+
+    f, w = mean @ force, mean @ earth
+    by_f, by_w = moved(force), moved(earth)
+    northward = np.array([0, -up, north])  # ∂(earth's rate)/∂(latitude)
+    dw = {"latitude": mean @ northward}
+    if len(time) > 1:
+        lasting = time[-1] - time[0]
+        steps = log_so3(back[..., :-1, :, :] @ mat[..., 1:, :, :])
+        turned = steps.sum(axis=-2) / lasting
+        middle = 0.5 * (back[..., :-1, :, :] + back[..., 1:, :, :])
+        by_w = by_w + np.sum(middle @ np.diff(seen.by, axis=-3), axis=-3) / lasting
+        rates = steps / np.diff(time)[:, None]
+        first, last = (
+            1.5 * rates[..., a, :] - 0.5 * rates[..., b, :] for a, b in ((0, 1), (-1, -2))
+        )
+        dw["latency"] = (last - first) / lasting
+        dw["clock"] = turned
+        w = w + turned
+    names = [q.name for q in seen.parameters]
+    df = {name: by_f[..., j] for j, name in enumerate(names)} | {"g": f / bench.gravity.value}
+    dw |= {name: by_w[..., j] for j, name in enumerate(names)}
+    return MeanMotion(Motion(f, w), df, dw)
+
+
+def stack_row_means(bench: Turntable, ways: Sequence[AxisAngles]) -> MeanMotion:
+    """Return the motion of all rows, (..., r, 3), with ∂f and ∂ω by the bench's parameters.
+
+    Raises
+    ------
+    InputError
+        Angles of another number of axes.
+    """
+    result = [row_means(bench, way) for way in ways]
+    zero = np.zeros_like(result[0].f)
+
+    def stacked(each: Sequence[Array]) -> Array:
+        return np.stack(np.broadcast_arrays(*each), axis=-2)
+
+    df = {n: stacked([one.df[n] for one in result]) for n in result[0].df}
+    names = dict.fromkeys(name for one in result for name in one.dw)
+    dw = {n: stacked([one.dw.get(n, zero) for one in result]) for n in names}
+    motion = Motion(stacked([one.f for one in result]), stacked([one.w for one in result]))
+    return MeanMotion(motion, df, dw)
+
+
+def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array]) -> MeanMotion:
+    """Return the sensed motion with the bench's parameters at q, to first order in their errors.
+
+    Parameters
+    ----------
+    bench : Turntable
+    nominal : MeanMotion
+        As of `stack_row_means`.
+    q : mapping of str to (...) array
+        Values by name, SI; those missing are as declared.
+    """
+    known = declared_parameters(bench)
+    f, w, df, dw = nominal.f, nominal.w, nominal.df, nominal.dw
+    for name in (one for one in {**df, **dw} if one in q):
+        # The readback is not corrected for its stated delay, so the whole delay is an error.
+        off = q[name] - (0.0 if name == "latency" else known[name].value)
+        if np.any(off):
+            beside = off[..., None, None]
+            f = f + df[name] * beside if name in df else f
+            w = w + dw[name] * beside if name in dw else w
+    return MeanMotion(Motion(f, w), df, dw)
+
+
 def least_squares(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the coefficients from one row for each position and each rotation.
 
@@ -91,7 +252,7 @@ def problem(
     sensor: Sensor,
     bench: Turntable,
     row_angles: Sequence[AxisAngles],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
 ) -> Problem:
     """Return the problem of all readings but those of accelerometers in rotations.
 
@@ -106,13 +267,14 @@ def problem(
     priors : sequence of Gaussian
         On coefficients.
     """
-    motion, df, dw = stack_row_means(bench, row_angles)
-    known = {n: p for n, p in declared_parameters(bench).items() if n in df or n in dw}
+    nominal = stack_row_means(bench, row_angles)
+    acting = {*nominal.df, *nominal.dw}
+    known = {n: p for n, p in declared_parameters(bench).items() if n in acting}
     whole = mean_problem.problem(
         observations,
         sensor,
         known,
-        lambda q: sensed_motion(bench, motion, df, dw, q),
+        lambda q: sensed_motion(bench, nominal, q),
         priors,
         with_drift_candidate=True,
         families=families(bench),
@@ -124,7 +286,7 @@ def problem(
 
 
 def _add_readback_noise(
-    observations: Observations, sensor: Sensor, bench: Turntable, steps: Sequence[TableStep]
+    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan
 ) -> Observations:
     """Return the observations with the readback's white noise σ in their covariance.
 
@@ -158,7 +320,7 @@ def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observatio
 
 
 def _rows_from_readback(
-    observations: Observations, track: Track, steps: Sequence[TableStep]
+    observations: Observations, track: Track, steps: Plan
 ) -> tuple[Observations, list[AxisAngles]]:
     """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
     means, ways = observations.mean.copy(), list[AxisAngles]()
@@ -179,11 +341,11 @@ def _rows_from_readback(
             ways.append(AxisAngles(time[:1], angles.mean(axis=-2, keepdims=True)))
         else:
             ways.append(AxisAngles(time, angles))
-            means[..., r, :] = time_mean(track.reading[..., at, :], time, -2)
+            means[..., r, :] = time_mean(track.reading[..., at, :], time)
     return replace(observations, mean=means), ways
 
 
-def _require_axes(bench: Turntable, steps: Sequence[TableStep]) -> None:
+def _require_axes(bench: Turntable, steps: Plan) -> None:
     k = len(bench.axes)
     for step in steps:
         if step.angles is not None and len(step.angles) != k:

@@ -33,7 +33,7 @@ from inercal.methods.turntable.strapdown import (
     correct_reading,
     fill_force_terms,
     fill_temperature_terms,
-    inverse_scale_matrix_at_temperature,
+    inverse_scale_matrix,
     rotation_error,
     turn_level,
     write_transition_columns,
@@ -203,16 +203,7 @@ def _propagate_velocity(
         if hold[i] >= 0 and hold[i] == number:
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
-                inverse_scale_matrix_at_temperature(
-                    terms.nominal,
-                    terms.axis,
-                    terms.weights,
-                    theta,
-                    terms.first,
-                    warmth[i],
-                    work.square,
-                    m,
-                )
+                inverse_scale_matrix(terms, theta, warmth[i], work.square, m)
                 inverse = matrix(m)
                 write_row(times_matrix(c, inverse), cm)
             f = correct_reading(vector(forces[i]), inverse, by, phi, work.added_terms)
@@ -288,16 +279,8 @@ def _transition(
     since = state.time[0] - state.time[1]
     state.time[1] = state.time[0]
     _clear(to)
-    write_transition_columns(
-        state.sensitivity_integral,
-        terms.axis,
-        terms.weights,
-        work.used_terms,
-        1.0,
-        len(driven),
-        len(joint),
-        a,
-    )
+    sums = state.sensitivity_integral
+    write_transition_columns(sums, terms, work.used_terms, 1.0, len(joint), a)
     white_noise_covariance(work.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0

@@ -111,9 +111,8 @@ def allocate_workspace(
 @kernel_piece
 def update_workspace(work: KernelWorkspace, terms: Terms, theta: Array) -> None:
     """Write M and the factors of φ by the present estimates."""
-    nominal, axis, weights, first = terms
-    inverse_scale_matrix(nominal, axis, weights, theta, first, work.square, work.m)
-    sum_reading_terms(axis, weights, theta, work.fed, work.used_terms, work.reading_terms)
+    inverse_scale_matrix(terms, theta, 0.0, work.square, work.m)
+    sum_reading_terms(terms, theta, work.fed, work.used_terms, work.reading_terms)
 
 
 @kernel_piece

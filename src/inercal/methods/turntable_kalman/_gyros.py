@@ -31,7 +31,7 @@ from inercal.methods.turntable.strapdown import (
     correct_reading,
     fill_force_terms,
     fill_temperature_terms,
-    inverse_scale_matrix_at_temperature,
+    inverse_scale_matrix,
     turned,
     write_transition_columns,
 )
@@ -196,16 +196,7 @@ def _propagate_attitude(
             fill_force_terms(phi, force)
         if warmed:
             fill_temperature_terms(phi, warmth[i])
-            inverse_scale_matrix_at_temperature(
-                terms.nominal,
-                terms.axis,
-                terms.weights,
-                theta,
-                terms.first,
-                warmth[i],
-                work.square,
-                m,
-            )
+            inverse_scale_matrix(terms, theta, warmth[i], work.square, m)
             inverse = matrix(m)
         u = correct_reading(mean, inverse, by, phi, work.added_terms)
         # Rotation of the step relative to the level frame, and half of it.
@@ -317,9 +308,7 @@ def _transition(
     for k in range(3):
         for j in range(keep.size):
             a[k, j] = 0.0
-    write_transition_columns(
-        result, terms.axis, terms.weights, work.used_terms, -1.0, len(driven), len(joint), a
-    )
+    write_transition_columns(result, terms, work.used_terms, -1.0, len(joint), a)
     white_noise_covariance(work.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = 1.0

@@ -15,9 +15,8 @@ added to that of the readback; the sum may be negative, the variance of an innov
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.kalman import update
 from inercal.estimation.kernel_options import kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import sum_drift_components
@@ -80,7 +79,7 @@ class AttitudeState(NamedTuple):
     acceleration_variance: (
         Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
     )
-    alignment_due: NDArray[np.bool_]  # (1,), whether an alignment is due
+    alignment_due: Bools  # (1,), whether an alignment is due
     rejections: Indices  # (2,), readbacks rejected in a row, and in all
     # (k,), (k, 3, 3) and (k, size of φ, 9), a ring: attitude of the last samples, and −G from
     # the epoch before

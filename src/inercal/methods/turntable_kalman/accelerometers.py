@@ -8,18 +8,17 @@ back at every epoch. The source integrates the attitude by the gyros: their erro
 their sensitivity to g, are then taken for tilt.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimation import Gaussian
+from inercal.methods import Priors
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import table_sensitivity
 from inercal.methods.turntable_kalman import _accelerometers
@@ -76,7 +75,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         sensor: Sensor,
         bench: Turntable,
         track: Track,
-        priors: Sequence[Gaussian] = (),
+        priors: Priors = (),
         *,
         bias_drift: bool = True,
         table: Literal["whole", "lean", "exact"] = "whole",
@@ -201,7 +200,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         piece = FilterPiece(track.time[epochs], steps, history)
         return self.count_dof(state, nis, piece, 3 + tested, int(tested[begins].sum())), piece
 
-    def _readback(self, epochs: NDArray[np.int64], track: Track) -> VelocityReadback:
+    def _readback(self, epochs: Indices, track: Track) -> VelocityReadback:
         """Return the readback at the epochs (e,) of a track as the kernel takes it."""
         angles = track.angles[epochs]
         e, q = len(angles), len(self.table)

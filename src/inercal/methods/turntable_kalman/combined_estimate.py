@@ -12,8 +12,8 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import NO_SCORE_TESTS
-from inercal.methods import temperature
-from inercal.methods.turntable import model
+from inercal.methods import Priors, temperature
+from inercal.methods.turntable import Plan, model
 from inercal.methods.turntable_kalman import filter_tests
 from inercal.methods.turntable_kalman._filter_steps import INNOVATION_GATE
 from inercal.methods.turntable_kalman.filter_config import (
@@ -24,13 +24,6 @@ from inercal.methods.turntable_kalman.filter_config import (
     require_whole_epoch,
     sampling_step,
 )
-from inercal.methods.turntable_kalman.innovations import (
-    FilterResult,
-    describe_innovations,
-    residual_group,
-    variance_inflation,
-)
-from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
@@ -44,10 +37,10 @@ def run_filter(
     bench: Turntable,
     track: Track,
     config: FilterConfig,
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     *,
     smooth: bool = False,
-) -> FilterResult:
+) -> filter_tests.FilterResult:
     """Run the filter of the gyros ("w") or of the accelerometers ("f") over one trial's track.
 
     `smooth`: smooth the states that vary with time, and keep the data of the tests.
@@ -64,7 +57,7 @@ def run_filter(
         # Only a report shows it, and it takes another pass over the track.
         smoothing = LazyValue(lambda: filtered.smoothed(result.time_varying_states))
         course = replace(course, smoothing=smoothing)
-    return FilterResult(
+    return filter_tests.FilterResult(
         result.triad, course.names, found.value, found.covariance, course,
         run.state.nis, max(run.dof - learned, 0), result.unit,
         config.untested_reason(kind),
@@ -76,8 +69,8 @@ def estimate_by_filters(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    steps: Plan,
+    priors: Priors = (),
     *,
     config: FilterConfig,
 ) -> Estimate:
@@ -153,7 +146,7 @@ def estimate_by_filters(
         singular_values=1 / np.sqrt(known),
         converged=np.ones(lead, dtype=bool),
         iterations=np.ones(lead, dtype=np.intp),
-        groups=tuple(residual_group(one, observations) for one in trials[0]),
+        groups=tuple(filter_tests.residual_group(one, observations) for one in trials[0]),
         notes=_notes(trials[0], config, bench),
         courses=tuple(one.course for one in trials[0]),
         tests=tuple(
@@ -170,7 +163,7 @@ def estimate_by_filters(
 
 
 def _table_sensitivities(
-    names: tuple[str, ...], parts: Sequence[FilterResult], bench: Turntable
+    names: tuple[str, ...], parts: Sequence[filter_tests.FilterResult], bench: Turntable
 ) -> dict[str, Array]:
     """Return the sensitivity of the coefficients to the table's stated values, (q,) by parameter.
 
@@ -192,7 +185,7 @@ def _table_sensitivities(
     return moved
 
 
-def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
+def split_priors(sensor: Sensor, priors: Priors) -> list[Gaussian]:
     """Return priors by triad: each filter has its own.
 
     Raises
@@ -215,10 +208,10 @@ def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
 
 
 def _notes(
-    parts: Sequence[FilterResult], config: FilterConfig, bench: Turntable
+    parts: Sequence[filter_tests.FilterResult], config: FilterConfig, bench: Turntable
 ) -> tuple[str, ...]:
     """Return notes on the innovations and on errors that the uncertainties do not include."""
-    result = [describe_innovations(one) for one in parts]
+    result = [filter_tests.describe_innovations(one) for one in parts]
     result += [
         f"{one.course.name}: the filter took no account of the table's angles at {one.rejections} "
         f"epochs: their innovations exceeded {INNOVATION_GATE:g} standard deviations"
@@ -241,7 +234,7 @@ def _notes(
     return tuple(result)
 
 
-def _prior_share_note(one: FilterResult) -> str:
+def _prior_share_note(one: filter_tests.FilterResult) -> str:
     """Return a note on directions that the assumed sizes of coefficients determine in part."""
     p = len(one.triad.sensor.coefficients)
     share, found = model.prior_dominated_directions(one.triad, one.covariance[:p, :p])
@@ -254,13 +247,13 @@ def _prior_share_note(one: FilterResult) -> str:
     )
 
 
-def _owners(parts: Sequence[FilterResult]) -> dict[str, FilterResult]:
+def _owners(parts: Sequence[filter_tests.FilterResult]) -> dict[str, filter_tests.FilterResult]:
     """Return, by parameter of the table, the filter with the smaller variance.
 
     Each filter has its own correlations: a value of one with the correlations of the other would
     give no valid covariance.
     """
-    found: dict[str, tuple[float, FilterResult]] = {}
+    found: dict[str, tuple[float, filter_tests.FilterResult]] = {}
     for one in parts:
         for name in _table_states(one):
             k = one.names.index(name)
@@ -270,7 +263,7 @@ def _owners(parts: Sequence[FilterResult]) -> dict[str, FilterResult]:
     return {name: one for name, (_, one) in found.items()}
 
 
-def _table_states(one: FilterResult) -> list[str]:
+def _table_states(one: filter_tests.FilterResult) -> list[str]:
     """Return the states that are parameters of the table for the whole run."""
     return [
         name for name in one.names if "." not in name and not name.startswith(("drift[", "hold_"))
@@ -278,7 +271,7 @@ def _table_states(one: FilterResult) -> list[str]:
 
 
 def _combine_filters(
-    names: tuple[str, ...], parts: Sequence[FilterResult], own: Sequence[Sequence[str]]
+    names: tuple[str, ...], parts: Sequence[filter_tests.FilterResult], own: Sequence[Sequence[str]]
 ) -> tuple[Array, Array, float]:
     """Return value and covariance in the order of `names`, and the sum of NIS.
 
@@ -289,7 +282,7 @@ def _combine_filters(
         at = [names.index(name) for name in taken]
         k = [one.names.index(name) for name in taken]
         value[at] = one.value[k]
-        ratio, first = variance_inflation(one), at[: len(one.shared_covariance)]
+        ratio, first = filter_tests.variance_inflation(one), at[: len(one.shared_covariance)]
         covariance[np.ix_(at, at)] = ratio * one.covariance[np.ix_(k, k)]
         # Innovations do not test gravity, whose error is in none of them.
         covariance[np.ix_(first, first)] -= (ratio - 1) * one.shared_covariance

@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import ClassVar, Generic, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from inercal.basics.arrays import Array, Indices
@@ -33,8 +32,12 @@ from inercal.methods.turntable_kalman._filter_steps import (
     KernelWorkspace,
     allocate_workspace,
 )
-from inercal.methods.turntable_kalman.filtered_track import FilteredTrack, FilterPiece, filter_track
-from inercal.methods.turntable_kalman.states import S
+from inercal.methods.turntable_kalman.filtered_track import (
+    FilteredTrack,
+    FilterPiece,
+    S,
+    filter_track,
+)
 from inercal.recordings import Track
 
 _NONE = np.zeros(0)
@@ -276,9 +279,8 @@ class Filter(ABC, Generic[S]):
     def allocate_steps(self, epochs: int, wanted: Array | None) -> tuple[FilterSteps, Array]:
         """Return arrays for a kernel's steps and for its history; `wanted` as of `advance`."""
         n, kept = len(self.states), 1 if wanted is None else epochs
-        steps = allocate_steps(
-            kept, n, len(self.leading_states), self.rows, _no_sums(n) if wanted is None else wanted
-        )
+        sums = np.zeros((0, n)) if wanted is None else wanted
+        steps = allocate_steps(kept, n, len(self.leading_states), self.rows, sums)
         return steps, np.empty((epochs, self.rows + 1 + 2 * n))
 
     def state_sums(self, names: Sequence[str]) -> Array:
@@ -300,9 +302,7 @@ class Filter(ABC, Generic[S]):
         for m in np.flatnonzero(terms.bias & (terms.axis == i)):
             row[at + m] = terms.weights[m, BIAS]
 
-    def count_dof(
-        self, state: S, nis: float, made: FilterPiece, tested: NDArray[np.int64], free: int
-    ) -> S:
+    def count_dof(self, state: S, nis: float, made: FilterPiece, tested: Indices, free: int) -> S:
         """Return a state with the sum of NIS and its degrees of freedom after a piece.
 
         Parameters
@@ -318,10 +318,6 @@ class Filter(ABC, Generic[S]):
         """
         taken = made.history[:, self.rows] > 0
         return state._replace(nis=nis, dof=state.dof + int(tested[taken].sum()) - free)
-
-
-def _no_sums(n: int) -> Array:
-    return np.zeros((0, n))
 
 
 @dataclass

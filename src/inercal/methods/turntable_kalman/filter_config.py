@@ -12,7 +12,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimation import Gaussian
+from inercal.methods import Priors
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman.accelerometers import (
@@ -95,7 +95,7 @@ class FilterConfig(NamedTuple):
         sensor: Sensor,
         bench: Turntable,
         track: Track,
-        priors: Sequence[Gaussian] = (),
+        priors: Priors = (),
         run_duration: float | None = None,
     ) -> GyroFilter | AccelerometerFilter:
         """Return the filter of the gyros ("w") or of the accelerometers ("f").

@@ -1,14 +1,25 @@
-"""Tests of both filters' models: innovations by step, and scores of constants without a state."""
+"""Tests of both filters' models: innovations by step, and scores of constants without a state.
 
+**The test of a filter's innovations: whether noise and table are as stated.**
+
+The normalised innovations squared (NIS) are χ² if R is the noise, with as many degrees of freedom
+as components, less those that only give states of which nothing is known before (Bar-Shalom, Li and
+Kirubarajan 2001, Estimation with Applications to Tracking and Navigation, section 5.4). The
+source's R is not the noise, and NIS with it is no test.
+"""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from inercal.basics.arrays import Array
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimation import ModelTest, ScoreTestSet, score_tests
+from inercal.estimation import FilterHistory, ModelTest, ResidualGroup, ScoreTestSet, score_tests
 from inercal.estimation.candidate_scores import rows_from_products
 from inercal.estimation.innovations import (
     epoch_groups,
@@ -18,8 +29,10 @@ from inercal.estimation.innovations import (
 )
 from inercal.estimation.kalman import FilterSteps
 from inercal.estimation.omitted_constants import OmittedSums, omitted_constant_sums
+from inercal.estimation.residual_scatter import ScatterModel
 from inercal.methods import temperature
 from inercal.methods.turntable import score_columns as columns
+from inercal.methods.turntable.model import TriadModel
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn, ConstantColumns
 from inercal.methods.turntable_kalman._accelerometers import VelocityState
 from inercal.methods.turntable_kalman._readback import AttitudeState
@@ -29,6 +42,9 @@ from inercal.methods.turntable_kalman.filtered_track import FilteredTrack
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recordings import Observations, Track
 
+_CONFIDENCE_LEVEL = 0.95
+# Of the expected NIS: noise is seldom known to 5 %, and a small overstatement is harmless
+_MIN_NIS_RATIO = 0.9
 _TIME_PARAMETERS = ("latency", "clock")
 _MAX_LATENCY_DEVIATION = 3.0  # standard deviations of the latency as stated
 
@@ -69,7 +85,11 @@ def innovation_test_data(
             0 if gyros else phi,
             None if gyros else made.tested_components,
         )
-        sums = _sums_for_mean_biases(made, track, time, sums)
+        if made.triad.drift.mean_over_run:  # biases are estimated as means over the run
+            end = float(track.time[-1])
+            elapsed = end - float(track.time[0]), end - float(time[-1])
+            by, _ = made.mean_bias_transform(*elapsed)
+            sums = sums._replace(moved=sums.moved + by @ sums.moved)
     if sums is not None and isinstance(made, GyroFilter):
         sums = _sums_for_time_states(made, found, names, sums)
     return InnovationTestData(made.name, time, standard, made.states, names, sums)
@@ -103,17 +123,6 @@ def _columns(
     if isinstance(made, GyroFilter):
         return columns.gyro_columns(at, first, stop)[0]
     return columns.accelerometer_columns(at, first, stop)
-
-
-def _sums_for_mean_biases(
-    made: GyroFilter | AccelerometerFilter, track: Track, time: Array, sums: OmittedSums
-) -> OmittedSums:
-    """Return the sums with biases as means over the run, as they are estimated."""
-    if not (made.triad.drift.mean_over_run and time.size):
-        return sums
-    end = float(track.time[-1])
-    by, _ = made.mean_bias_transform(end - float(track.time[0]), end - float(time[-1]))
-    return sums._replace(moved=sums.moved + by @ sums.moved)
 
 
 def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantColumns) -> Array:
@@ -268,3 +277,80 @@ def _joint_sums(
     along = np.concatenate([own[shared] for _, own in each])
     gram = gram - across @ np.linalg.solve(inner, across.T)
     return (gram + gram.T) / 2, product - across @ np.linalg.solve(inner, along)
+
+
+class FilterResult(NamedTuple):
+    """The result of one filter over one track; coefficients come first."""
+
+    triad: TriadModel
+    names: tuple[str, ...]
+    value: Array
+    covariance: Array
+    course: FilterHistory
+    nis: float  # sum over its components
+    dof: int  # of its NIS, where noise and table are as stated
+    unit: str
+    untested_reason: str  # why NIS is no test of noise and table; empty where it is
+    shared_covariance: Array  # (p, p), the part by gravity, which changes no innovation
+    test_data: InnovationTestData | None = None  # where its steps were kept
+    rejections: int = 0  # readbacks beyond the gate
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of the first three innovations by the filter's model."""
+        z = self.course.innovation[self.course.nis > 0, :3]
+        ratio = self.nis / max(self.dof, 1)
+        return float(np.sqrt(np.mean(z**2) / ratio)) if z.size and ratio else 1.0
+
+
+def variance_inflation(one: FilterResult) -> float:
+    """Return the factor by which the innovations enlarge variances."""
+    if one.dof <= 0 or one.nis <= chdtri(one.dof, 1 - _CONFIDENCE_LEVEL):
+        return 1.0
+    return one.nis / one.dof
+
+
+def residual_group(one: FilterResult, observations: Observations) -> ResidualGroup:
+    """Return the mean innovations of each step of the run."""
+    kept = one.course.nis > 0
+    time, z = one.course.time[kept], one.course.innovation[kept, :3]
+    labels: list[str] = []
+    means: list[Array] = []
+    counts: list[int] = []
+    for label, middle, seconds in zip(
+        observations.labels, observations.time, observations.duration, strict=True
+    ):
+        at = np.abs(time - middle) <= seconds / 2
+        if at.any():
+            labels.append(label)
+            means.append(z[at].mean(axis=0))
+            counts.append(int(at.sum()))
+    residual = np.array(means).reshape(-1, 3)
+    return ResidualGroup(
+        name=f"innovations of the {one.course.name}' filter, mean of each step",
+        unit=one.unit,
+        labels=tuple(labels),
+        residual=residual,
+        # Innovations are independent.
+        sd=one.sd / np.sqrt(np.array(counts, dtype=float))[:, None] * np.ones(3),
+        chi2=one.nis,
+        dof=one.dof,
+        spread=ScatterModel(excess=one.sd * float(np.sqrt(variance_inflation(one) - 1))),
+        enlarged=variance_inflation(one) > 1,
+    )
+
+
+def describe_innovations(one: FilterResult) -> str:
+    """Return a sentence on the agreement of the innovations with the stated noise and table."""
+    mean = one.nis / max(one.dof, 1)
+    text = f"{one.course.name}: the innovations' NIS per degree of freedom is {mean:.2f}"
+    if variance_inflation(one) > 1:
+        return f"{text}, above its 95 % bound: all variances are multiplied by it"
+    if one.untested_reason:
+        return f"{text}; it is no test of noise and table: {one.untested_reason}"
+    if one.nis < _MIN_NIS_RATIO * chdtri(max(one.dof, 1), _CONFIDENCE_LEVEL):
+        return (
+            f"{text}, below 1: noise or table are better than stated, and the uncertainties are "
+            "too large"
+        )
+    return f"{text}: consistent with noise and table as stated"

@@ -2,21 +2,31 @@
 
 The state before each piece is kept. What a filter did in a piece, 5 to 8 kB an epoch, is computed
 again from there where it is wanted: forward for the tests, backward for the smoother. A filter over
-pieces takes the same steps to the last bit.
+pieces takes the same steps to the last bit. Kernels change the state of a filter in place.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, NamedTuple
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array
 from inercal.estimation import FilterHistory, SmoothedStates
 from inercal.estimation.kalman import FilterSteps, smooth_steps, start_smoother
 from inercal.methods.turntable.terms import BIAS
-from inercal.methods.turntable_kalman.states import S, copy_state
+from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.recordings import Track
+
+_SCALAR_FIELDS = ("nis", "dof")  # of a state; all else is an array
+S = TypeVar("S", _accelerometers.VelocityState, _readback.AttitudeState)
+
+
+def copy_state(state: S) -> S:
+    """Return a state of its own, which a kernel may change in place."""
+    arrays: dict[str, Array] = {k: v for k, v in state._asdict().items() if k not in _SCALAR_FIELDS}
+    return state._replace(**{name: array.copy() for name, array in arrays.items()})
+
 
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter import Filter
@@ -153,52 +163,32 @@ def filter_track(
         piece = min(PIECE_EPOCHS * samples, PIECE_SAMPLES)
     starts = list(range(0, n, max(piece, 1))) or [0]
     stride = max(-int(-seconds // (epoch * MAX_SHOWN_EPOCHS)), 1)
+    m, k, names = filter_.rows, len(filter_.leading_states), filter_.states
     before: list[S] = []
-    record = _Record(filter_.rows, len(filter_.states), len(filter_.leading_states), stride)
+    times: list[Array] = []
+    tested: list[Array] = []  # (e, m + 1), innovations and NIS
+    kept: list[Array] = []  # estimates and variances
+    shown: list[int] = []  # of every so many epochs, and of the last
+    last, count = np.zeros((0, 0)), 0
     for start, stop in zip(starts, [*starts[1:], n], strict=True):
         before.append(state)
         state, made = filter_.advance(copy_state(state), track.slice(start, stop))
-        record.add(made)
-    return FilteredTrack(
-        filter_, track, starts, before, state, record.history(filter_.name, filter_.states)
-    )
-
-
-class _Record:
-    """The history of a filter as it grows: of every so many epochs, and of the last, estimates."""
-
-    def __init__(self, rows: int, states: int, leading: int, stride: int):
-        self._m, self._n, self._k, self._stride = rows, states, leading, stride
-        self._time: list[Array] = []
-        self._tested: list[Array] = []  # (e, m + 1), innovations and NIS
-        self._kept: list[Array] = []  # estimates and variances
-        self._shown: list[Indices] = []
-        self._count = 0
-        self._last = np.zeros((0, 0))
-
-    def add(self, made: FilterPiece) -> None:
-        """Take in a piece."""
-        m, e = self._m, made.time.size
-        self._time.append(made.time)
-        self._tested.append(made.history[:, : m + 1].copy())
-        at = np.arange(-self._count % self._stride, e, self._stride)
-        self._kept.append(made.history[at, m + 1 :])
-        self._shown.append(at + self._count)
-        self._count += e
-        if e:
-            self._last = made.history[-1:, m + 1 :].copy()
-
-    def history(self, name: str, states: Sequence[str]) -> FilterHistory:
-        """Return all of it; only the smoothed course has the states before the coefficients."""
-        k, n, m = self._k, self._n, self._m
-        shown = np.concatenate(self._shown)
-        if self._count and shown[-1] != self._count - 1:
-            shown = np.append(shown, self._count - 1)
-            self._kept.append(self._last)
-        kept = np.concatenate(self._kept)
-        tested = np.concatenate(self._tested)
-        std = np.sqrt(kept[:, n + k :])
-        return FilterHistory(
-            name, tuple(states[k:]), np.concatenate(self._time), kept[:, k:n].copy(), std,
-            tested[:, :m], tested[:, m], shown=None if self._stride == 1 else shown,
-        )  # fmt: skip
+        times.append(made.time)
+        tested.append(made.history[:, : m + 1].copy())
+        at = range(-count % stride, made.time.size, stride)
+        kept.append(made.history[at, m + 1 :])
+        shown += [count + epoch_of_piece for epoch_of_piece in at]
+        count += made.time.size
+        if made.time.size:
+            last = made.history[-1:, m + 1 :].copy()
+    if count and shown[-1] != count - 1:
+        shown.append(count - 1)
+        kept.append(last)
+    found, seen = np.concatenate(kept), np.concatenate(tested)
+    # Only the smoothed course has the states before the coefficients.
+    history = FilterHistory(
+        filter_.name, tuple(names[k:]), np.concatenate(times),
+        found[:, k : len(names)].copy(), np.sqrt(found[:, len(names) + k :]),
+        seen[:, :m], seen[:, m], shown=None if stride == 1 else np.array(shown, dtype=np.int64),
+    )  # fmt: skip
+    return FilteredTrack(filter_, track, starts, before, state, history)

@@ -9,21 +9,20 @@ readback is compared with an attitude between samples, at most 8 standard deviat
 old.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
-from inercal.estimation import Gaussian
+from inercal.methods import Priors
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import ARCSEC, table_sensitivity
 from inercal.methods.turntable_kalman import _gyros
@@ -88,7 +87,7 @@ class GyroFilter(Filter[AttitudeState]):
         sensor: Sensor,
         bench: Turntable,
         track: Track,
-        priors: Sequence[Gaussian] = (),
+        priors: Priors = (),
         *,
         bias_drift: bool = True,
         table: Literal["whole", "lean", "exact"] = "whole",
@@ -227,7 +226,7 @@ class GyroFilter(Filter[AttitudeState]):
         return self.count_dof(after, nis, piece, tested, self.rows * anew), piece
 
     def _readback(
-        self, epochs: NDArray[np.int64], age: Array, angles: Array, variance: Array
+        self, epochs: Indices, age: Array, angles: Array, variance: Array
     ) -> AttitudeReadback:
         """Return the readback at epochs (e,) of samples as the kernel takes it."""
         e, q = epochs.size, len(self.table)
@@ -276,7 +275,7 @@ class GyroFilter(Filter[AttitudeState]):
         return samples, (now[:, 0], now[:, 1], now[:, 2:]), tail
 
     @cached_property
-    def _timing_state_indices(self) -> NDArray[np.int64]:
+    def _timing_state_indices(self) -> Indices:
         """The indices of latency, clock and azimuth among the states, -1 if absent."""
         names = self.states
         return np.array([names.index(n) if n in names else -1 for n in _TIMING_PARAMETERS])

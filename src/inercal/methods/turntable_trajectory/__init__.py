@@ -23,19 +23,18 @@ from inercal.benches.turntable.paths import path_by_name
 from inercal.estimation import Candidate, Estimate, Gaussian, ModelTest, Problem
 from inercal.estimation import least_squares as solve
 from inercal.estimation.innovations import epoch_groups, group_innovations, residual_mean_test
-from inercal.methods import mean_problem, temperature
-from inercal.methods._base import Method
+from inercal.methods import Method, Priors, mean_problem, temperature
 from inercal.methods.turntable import (
     DEFAULT_COEFFICIENTS,
     FURTHER_COEFFICIENTS,
+    Plan,
     model,
+    remarks,
     score_columns,
 )
-from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable.score_columns import ConstantColumn
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows, parameters
-from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
@@ -44,11 +43,7 @@ _ROUNDING = 1e-7
 
 
 def trajectory(
-    observations: Observations,
-    sensor: Sensor,
-    bench: Turntable,
-    steps: Sequence[TableStep],
-    priors: Sequence[Gaussian] = (),
+    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan, priors: Priors = ()
 ) -> Estimate:
     """Return the coefficients from a complete recording, one trial after the other.
 
@@ -94,7 +89,7 @@ def solve_trial(
     sensor: Sensor,
     bench: Turntable,
     track: Track,
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
     epochs: Indices | None = None,
     steps: Array | None = None,
 ) -> Estimate:
@@ -136,7 +131,7 @@ def problem(
     sensor: Sensor,
     bench: Turntable,
     parts: Sequence[RotationRows | StaticRows],
-    priors: Sequence[Gaussian] = (),
+    priors: Priors = (),
 ) -> Problem:
     """Return the problem of whitened residuals of one trial.
 

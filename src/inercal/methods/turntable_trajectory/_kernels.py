@@ -1,29 +1,90 @@
 """Compiled: attitude from one readback to the next, and the whitening of the differences.
 
 Level frame and signs as in `inercal.methods.turntable.strapdown`.
+
+**How rates bend between samples: the angle of a step is that of a parabola, not of a trapezoid.**
+
+A trapezoid misses −Δt² (α₁ − α₀)/12 of an angle while the acceleration α is not zero: as much at
+the start of a turn as at its end, with the other sign, which is what a scale factor does. With the
+second derivative ω″ in the middle of a step the angle to a share x of it is, but for Δt⁴ ω‴::
+
+    Δt (ω₀ x + (ω₁ − ω₀) x²/2 − ω″ Δt² (x²/4 − x³/6))
+
+ω″ is the mean of those of the parabolas through the step and the sample before, and after.
+
+**Noise.** A reading counts once in the sum of all steps, but its parts are in two neighbouring
+increments where an epoch ends between them: with u = x (1 − x) their covariance is γ(u) σ²,
+`neighbour_share`, σ² the variance of a sample's angle. So is that of a random walk that is observed
+with noise of the variance −γ σ², which is how filters take account of it.
 """
+
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
-
 import numpy as np
 from numba import njit
 
-from inercal.basics.arrays import Array, Bools, Indices
+from inercal.basics.arrays import Array, Bools
 from inercal.estimation.kalman import predict
 from inercal.estimation.kernel_options import kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 from inercal.methods.turntable.strapdown import (
+    MAX_STEP_RATIO,
+    PARABOLA_ERROR,
+    PARABOLA_THRESHOLD,
     fill_force_terms,
     fill_temperature_terms,
     inverse_scale_matrix,
-    inverse_scale_matrix_at_temperature,
     rotate,
     rotation_error,
 )
-from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE
-from inercal.methods.turntable_trajectory.rate_bends import neighbour_share
+from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE, Terms
+
+
+def rate_bends(time: Array, rates: Array, white: Array) -> tuple[Array, Array]:
+    """Return ω″ in each step and the variance of its angle by sudden accelerations.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    rates : (n, 3) array
+        Readings, rad/s.
+    white : (3,) array
+        Variance of the integral of each gyro's noise, rad²/s.
+
+    Returns
+    -------
+    bends : (n, 3) array
+        rad/s³, of the step that leads to each sample; zero where steps are too unequal.
+    kinks : (n,) array
+        rad², of each of the three angles.
+    """
+    step = np.diff(time, prepend=time[0])[:, None]
+    # Of the parabola through each sample and the two before it
+    own, known = np.zeros_like(rates), np.zeros(step.shape, dtype=bool)
+    last, before = step[2:], step[1:-1]
+    known[2:] = (before > 0) & (last <= MAX_STEP_RATIO * before) & (before <= MAX_STEP_RATIO * last)
+    slope = np.diff(rates, axis=0) / np.where(step[1:] > 0, step[1:], np.inf)
+    own[2:] = np.where(known[2:], 2 * np.diff(slope, axis=0) / np.maximum(last + before, 1e-9), 0.0)
+    after, both = np.zeros_like(own), np.zeros_like(known)
+    after[:-1], both[:-1] = own[1:], known[1:]
+    count = known.astype(np.int64) + both
+    third = np.where(count == 2, (after - own) * step**2, 0.0)
+    three = np.pad(third, ((2, 0), (0, 0)))
+    squares, total = (x[:-2] + x[1:-1] + x[2:] for x in (three**2, three))
+    sudden = squares * step > PARABOLA_THRESHOLD * white
+    jumps = np.where(sudden, np.maximum(squares - 2 * total**2, 0.0), 0.0)
+    kinks = np.sum(jumps * (PARABOLA_ERROR * step) ** 2, axis=1)
+    return (own + after) / np.maximum(count, 1), kinks
+
+
+@kernel_step
+def neighbour_share(x: float) -> float:
+    """Return γ, by how much of a sample's variance increments correlate that meet at x."""
+    u = x * (1 - x)
+    return 47 / 288 + u * u * (u / 36 - 5 / 16)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -34,9 +95,7 @@ def increments(
     kinks: Array,
     when: Array,
     reference: Array,
-    nominal: Array,
-    axis: Indices,
-    weights: Array,
+    terms: Terms,
     theta: Array,
     earth: Array,
     gravity: float,
@@ -61,8 +120,7 @@ def increments(
         Times of the readbacks by the sensor's clock, ascending, not beyond the samples.
     reference : (e + 1, 3, 3) array
         Attitude by readback there.
-    nominal, axis, weights
-        Of `terms`.
+    terms : Terms
     theta : (p,) array
         Coefficients.
     earth : (3,) array
@@ -82,11 +140,12 @@ def increments(
     shared : (e + 1, 3, 3) array
         Written: that of the increments that meet at each readback, rad².
     """
+    _, axis, weights, _ = terms
     count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     turn, fed, work = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    inverse_scale_matrix(nominal, axis, weights, theta, RATE, work, m)
+    inverse_scale_matrix(terms, theta, 0.0, work, m)
     columns[:], drifting[:], driven[:], shared[:] = 0.0, 0.0, 0.0, 0.0
     i = 1
     while i < time.size - 1 and time[i] <= when[0]:
@@ -105,9 +164,7 @@ def increments(
             fill_force_terms(phi, (gravity * c[2, 0], gravity * c[2, 1], gravity * c[2, 2]))
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
-                inverse_scale_matrix_at_temperature(
-                    nominal, axis, weights, theta, RATE, warmth[i], work, m
-                )
+                inverse_scale_matrix(terms, theta, warmth[i], work, m)
             for k in range(3):
                 move[k] = (
                     rates[i - 1, k] + middle * (rates[i, k] - rates[i - 1, k]) - bend * bends[i, k]

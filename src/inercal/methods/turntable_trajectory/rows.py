@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_rate
@@ -32,7 +31,7 @@ from inercal.methods.residuals import vector_residuals
 from inercal.methods.turntable import model, score_columns, strapdown
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn
 from inercal.methods.turntable_trajectory import _kernels
-from inercal.methods.turntable_trajectory.rate_bends import rate_bends
+from inercal.methods.turntable_trajectory._kernels import rate_bends
 from inercal.physics.frames import log_so3, skew
 from inercal.physics.motion import Motion
 from inercal.recordings import STAMP_ROUNDING, Track
@@ -43,10 +42,6 @@ _AVERAGING_TIME = 1.0  # s of rest that make one mean
 def parameters(bench: Turntable) -> tuple[Parameter, ...]:
     """Return the bench's parameters that are not exact and that affect a recording."""
     return tuple(q for q in bench.parameters if q.sd > 0 and not q.name.startswith("lever_"))
-
-
-def _departure(parameter: Parameter, q: Mapping[str, float]) -> float:
-    return q[parameter.name] - parameter.value
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +113,7 @@ class RotationRows:
         beside : (e, 3, c) array, optional
             Further columns, not whitened; see `omitted_columns`.
         """
-        track, terms, n = self.track, self.triad.terms, self.epochs.size - 1
+        track, n = self.track, self.epochs.size - 1
         time = track.time[self.epochs]
         known = {one.name: one.value for one in self.bench.parameters} | dict(q)
         when = time - known["latency"] - known["clock"] * (time - track.time[0])
@@ -130,8 +125,8 @@ class RotationRows:
         rotation_error, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
         drifting, driven, shared = (np.zeros((k, 3, 3)) for k in (n, n, n + 1))
         _kernels.increments(
-            track.time, self._rates, *self._bends, when, self._attitude, terms.nominal, terms.axis,
-            terms.weights, theta, earth, self.bench.gravity.value, self.triad.white,
+            track.time, self._rates, *self._bends, when, self._attitude, self.triad.terms,
+            theta, earth, self.bench.gravity.value, self.triad.white,
             temperature.sample_offsets(track, self.triad.sensor),
             rotation_error, columns, drifting, driven, shared,
         )  # fmt: skip
@@ -145,7 +140,7 @@ class RotationRows:
         result[:, :, 0] = rotation_error
         for k, one in enumerate(self.table):
             if one.name not in ("latency", "clock"):  # the reference has those in it
-                result[:, :, 0] -= result[:, :, 1 + p + k] * _departure(one, q)
+                result[:, :, 0] -= result[:, :, 1 + p + k] * (q[one.name] - one.value)
         drift, variance = self.triad.drift, track.angle_variance(self.bench.white**2)
         lost = self._increments_across_gaps(when)
         # Beside a gap no sample belongs to two increments that are used.
@@ -190,7 +185,7 @@ class RotationRows:
         time = self.track.time
         return 3 * int(np.count_nonzero(self._increments_across_gaps(time[self.epochs])))
 
-    def _increments_across_gaps(self, when: Array) -> NDArray[np.bool_]:
+    def _increments_across_gaps(self, when: Array) -> Bools:
         """Return which increments contain a gap that rates cannot bridge, (e,)."""
         time = self.track.time
         after = np.flatnonzero(np.diff(time) > MAX_GAP_SECONDS)
@@ -340,7 +335,7 @@ class StaticRows:
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return whitened residual, Jacobian and the mean drift; as of `RotationRows`."""
-        off = np.array([_departure(one, q) for one in self.table])
+        off = np.array([q[one.name] - one.value for one in self.table])
         motion = Motion(self.sensed_force + self.by @ off)
         if self.temperature_offset is not None:
             motion = replace(motion, dT=self.temperature_offset)

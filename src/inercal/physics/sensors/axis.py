@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors.noise import Noise
 
 
@@ -58,7 +58,7 @@ class Axis:
     """
 
     name: str
-    measures: Literal["f", "w"]
+    measures: Measures
     i: tuple[float, float, float]
     p: tuple[float, float, float]
     readout: Readout = Readout()

@@ -19,6 +19,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.physics.frames import skew
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
 Form = Literal["reference", "tilted"]
@@ -36,7 +37,7 @@ class AxisResponse(NamedTuple):
 
 
 def axis_response(
-    measures: Literal["f", "w"],
+    measures: Measures,
     lines: Sequence[ErrorTerm],
     values: Mapping[str, Array],
     seen: Mapping[str, Array],

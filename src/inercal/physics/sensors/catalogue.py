@@ -1,11 +1,11 @@
 """Common sensors: a single accelerometer, a pair, a triad, an IMU, a redundant cluster."""
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 
 from inercal.basics.errors import InputError
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors.axis import Axis, Readout
 from inercal.physics.sensors.noise import Noise
 from inercal.physics.sensors.sensor import Sensor
@@ -20,7 +20,7 @@ CYCLIC_AXES = {
 
 def triad(
     name: str = "triad",
-    measures: Literal["f", "w"] = "f",
+    measures: Measures = "f",
     prefix: str = "",
     readout: Readout = Readout(),
     noise: Noise = Noise(),
@@ -46,7 +46,7 @@ def imu(
     return Sensor(name, accelerometers + triad(name, "w", "g", *gyro).axes)
 
 
-def single(name: str = "accelerometer", measures: Literal["f", "w"] = "f") -> Sensor:
+def single(name: str = "accelerometer", measures: Measures = "f") -> Sensor:
     """Return a single axis "i" with I along x and P along y."""
     return Sensor(name, (Axis("i", measures, *CYCLIC_AXES["x"]),))
 
@@ -56,7 +56,7 @@ def pair(name: str = "pair") -> Sensor:
     return Sensor(name, (Axis("a", "f", *CYCLIC_AXES["x"]), Axis("b", "f", *CYCLIC_AXES["y"])))
 
 
-def cluster(name: str, input_axes: Sequence[Sequence[float]], measures: Literal["f", "w"] = "f"):
+def cluster(name: str, input_axes: Sequence[Sequence[float]], measures: Measures = "f"):
     """Return a redundant cluster: an axis s1, s2, … along each row of `input_axes`, (m, 3).
 
     P is the horizontal direction orthogonal to I (y where I is along z).

@@ -9,6 +9,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotInvertible
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import three_axes
 from inercal.physics.sensors.sensor import Sensor
 
@@ -63,11 +64,12 @@ def inverse(
         A reading is beyond the fold of the model.
     """
     basis = _observed_directions(sensor)
-    for measures, given, word in (("f", f, "specific force"), ("w", w, "angular rate")):
+    for measures, given in (("f", f), ("w", w)):
         rank = _rank(sensor, measures)
         if 0 < rank < 3 and given is None:
             raise InputError(
-                f"sensor {sensor.name} has {rank} independent input axis directions for {word}: "
+                f"sensor {sensor.name} has {rank} independent input axis directions for "
+                f"{QUANTITIES[measures].name}: "
                 f"pass the components across them as {measures}, or zeros if there are none",
                 key=measures,
             )

@@ -15,6 +15,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors.axis import Axis
 from inercal.physics.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form
 from inercal.physics.sensors.coefficient_selection import select_coefficients
@@ -98,7 +99,7 @@ class Sensor:
         """
         return replace(self, coefficients=select_coefficients(self.axes, chosen))
 
-    def select_axes(self, measures: Literal["f", "w"]) -> "Sensor":
+    def select_axes(self, measures: Measures) -> "Sensor":
         """Return the sensor's accelerometers or its gyros alone, with their coefficients."""
         axes = tuple(a for a in self.axes if a.measures == measures)
         kept = {a.name for a in axes}
@@ -157,13 +158,27 @@ class Sensor:
     @cached_property
     def _groups(self) -> tuple[SimilarAxes, ...]:
         """The axes, those of one kind with the same terms together."""
-        alike: dict[tuple[str, tuple[ErrorTerm, ...]], list[int]] = {}
+        alike: dict[tuple[Measures, tuple[ErrorTerm, ...]], list[int]] = {}
         for k, axis in enumerate(self.axes):
             terms = sorted(self._by_axis[axis.name], key=TABLES[axis.measures].index)
             alike.setdefault((axis.measures, tuple(terms)), []).append(k)
         return tuple(
-            SimilarAxes.of(self.axes, members, terms, self.coefficients)
-            for (_, terms), members in alike.items()
+            SimilarAxes(
+                measures,
+                np.array(members),
+                np.stack([self.axes[k].frame for k in members]),
+                terms,
+                {
+                    term.name: np.array(
+                        [
+                            self.coefficients.index(f"{self.axes[k].name}.{term.name}")
+                            for k in members
+                        ]
+                    )
+                    for term in terms
+                },
+            )
+            for (measures, terms), members in alike.items()
         )
 
     def forward(self, motion: Motion, c: Array) -> Array:

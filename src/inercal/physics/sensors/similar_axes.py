@@ -5,14 +5,13 @@ The axes stand in the last axis of every array: `(..., n, k)` for k of them.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.physics.motion import Motion
-from inercal.physics.sensors.axis import Axis
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors.axis_model import ALONG, ARMS, AxisResponse, Form, axis_response
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
@@ -35,32 +34,11 @@ class SimilarAxes:
         Places of each term's coefficients among those of the sensor, by short name.
     """
 
-    measures: Literal["f", "w"]
+    measures: Measures
     members: NDArray[np.intp]
     frames: Array
     terms: tuple[ErrorTerm, ...]
     columns: Mapping[str, NDArray[np.intp]]
-
-    @classmethod
-    def of(
-        cls,
-        axes: Sequence[Axis],
-        members: Sequence[int],
-        terms: tuple[ErrorTerm, ...],
-        coefficients: Sequence[str],
-    ) -> "SimilarAxes":
-        """Return the group of a sensor's axes of these places."""
-        own = [axes[k] for k in members]
-        return cls(
-            own[0].measures,
-            np.array(members),
-            np.stack([axis.frame for axis in own]),
-            terms,
-            {
-                term.name: np.array([coefficients.index(f"{a.name}.{term.name}") for a in own])
-                for term in terms
-            },
-        )
 
     def response(
         self, motion: Motion, c: Array, form: Form, by: Sequence[str], *, design: bool = False

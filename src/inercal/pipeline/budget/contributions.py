@@ -23,8 +23,7 @@ from inercal.basics.units import Measured
 from inercal.benches import MeanBench
 from inercal.benches.kind_definition import Effect
 from inercal.benches.kinds import kind_for_bench
-from inercal.estimation.uncertainty import monte_carlo
-from inercal.estimation.uncertainty.monte_carlo import BATCH
+from inercal.estimation.uncertainty import BATCH, monte_carlo
 from inercal.pipeline.budget.imperfections import NOISE
 from inercal.pipeline.budget.virtual_experiment import Experiment
 

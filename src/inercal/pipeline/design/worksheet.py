@@ -9,7 +9,7 @@ from io import StringIO
 from inercal.basics.errors import InputError
 from inercal.benches.operator_sheet import Sheet
 from inercal.estimation import Estimate
-from inercal.methods.dual_orthogonal.coefficient_sums import well_determined_sums
+from inercal.methods.dual_orthogonal import well_determined_sums
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.design.expected_uncertainty import (
     ExpectedUncertainty,

@@ -28,7 +28,7 @@ from inercal.pipeline.drafts.readouts import (
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.io.time_stamps import times_from_origin
-from inercal.recordings.temperature_readout import COUNTS, first_impossible, seems_kelvin
+from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
 _ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
 _WINDOW = 0.5  # s, in which a rest is quiet

@@ -24,7 +24,7 @@ from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.isolation import MOST_VALUES_KEY
 from inercal.recordings.io.read import detect_reader, read_recording, read_table
 from inercal.recordings.io.table_recording import Columns
-from inercal.recordings.temperature_readout import first_impossible
+from inercal.recordings.temperature import first_impossible
 from inercal.runfile.schema import ReadoutSection
 from inercal.runfile.sensor_builder import READING_UNITS, build_readout
 

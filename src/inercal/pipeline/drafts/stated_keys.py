@@ -13,7 +13,7 @@ from inercal.benches.kinds import KINDS
 from inercal.pipeline.drafts.column_names import NAMES
 from inercal.recordings.io.column_table import Table, select_columns
 from inercal.recordings.io.readers import known_options
-from inercal.recordings.temperature_readout import TemperatureReadout, temperature_readout
+from inercal.recordings.temperature import TemperatureReadout, temperature_readout
 from inercal.runfile.schema import RunSchema
 
 _TRIADS = ("accelerometer", "gyro")

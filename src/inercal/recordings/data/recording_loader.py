@@ -12,8 +12,7 @@ from inercal.basics.units import parse_quantity
 from inercal.physics.section_settings import si_value
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, ahead_of_lag
-from inercal.recordings.data.data_section import DataSection, ReadbackColumn
-from inercal.recordings.data.source import Source
+from inercal.recordings.data import DataSection, ReadbackColumn, Source
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
 from inercal.recordings.io.section_files import read_sections
@@ -34,7 +33,13 @@ def load_recording(run: Source[DataSection]) -> Recording:
     try:
         columns = reader_columns(run)
         if is_pattern(path):
-            _require_labels_of_files(run)
+            if run.data.marks not in ("labels", "found"):
+                raise InputError(
+                    f"{run.path}: [data] marks: each section has a file of its own: state marks = "
+                    '"labels"',
+                    file=run.path,
+                    key="[data] marks",
+                )
             recording = read_sections(path, columns, limits)
         else:
             recording = read_recording(path, columns, limits, gyro_file(run))
@@ -62,16 +67,6 @@ def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:
         if names[0] in {unsigned_column(one) for one in given if isinstance(one, str | int)}:
             return f"[data] {key}"
     return None
-
-
-def _require_labels_of_files(run: Source[DataSection]) -> None:
-    """Refuse a file of marks where each section has a file."""
-    if run.data.marks not in ("labels", "found"):
-        raise InputError(
-            f'{run.path}: [data] marks: each section has a file of its own: state marks = "labels"',
-            file=run.path,
-            key="[data] marks",
-        )
 
 
 def require_not_refused(source: str, finding: Finding | None) -> tuple[Finding, ...]:

@@ -10,8 +10,7 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_small_file
 from inercal.recordings import Finding, Mark, Recording
-from inercal.recordings.data.data_section import DataSection, RestsSection
-from inercal.recordings.data.source import Source
+from inercal.recordings.data import DataSection, RestsSection, Source
 from inercal.recordings.io.read import read_table
 from inercal.recordings.segments import (
     RestDetection,
@@ -32,7 +31,7 @@ def check_marked_rests(
     Raises
     ------
     InputError
-        See `inercal.recordings.segments.stillness.require_still`.
+        See `inercal.recordings.segments.rest_changes.require_still`.
     """
     return require_still(recording, run.sensor, marks, run.data.moving_sections)
 

@@ -25,7 +25,7 @@ from inercal.recordings.io.row_checks import (
     check_repeated_rows,
     check_time_order,
 )
-from inercal.recordings.temperature_readout import seems_kelvin
+from inercal.recordings.temperature import seems_kelvin
 
 _FASTEST = 1.0  # K/s; chambers for thermal shock reach a third of it
 _SMALLEST = 3.0  # K; a smaller step is noise or rounding of a thermometer

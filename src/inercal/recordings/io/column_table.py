@@ -268,6 +268,12 @@ def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.s
     return np.array(values, dtype=np.str_)
 
 
+def whole_number_labels(values: NDArray[Any]) -> Column:
+    """Return whole numbers as labels, such as the number of a mode; others as they are."""
+    whole = np.isfinite(values).all() and (values == np.round(values)).all()
+    return values.astype(np.int64).astype(np.str_) if whole else values
+
+
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal."""
     with path.open("rb") as file:

@@ -7,11 +7,18 @@ started with the first file and kept for those that follow.
 What a file may cost depends on its size: 512 MiB and 32 bytes of memory for each byte, and 4 s of
 processor time and 2 s for each MB. Compression and repetition let a sound file hold more;
 `[data] most_values` states how much.
+
+Requests and answers go over a pipe, and their arrays are sent as they lie in memory.
+
+A message is the length of its head, the head (the length of the pickled object and the sizes of
+its arrays), the object pickled without its arrays, and the arrays (PEP 574).
 """
 
 import atexit
 import os
+import pickle
 import signal
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Generator
@@ -20,8 +27,55 @@ from io import RawIOBase
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
+import numpy as np
+
 from inercal.basics.errors import InputError, require_installed
-from inercal.recordings.io.array_pipe import receive, send
+
+_LENGTH = struct.Struct("<Q")
+
+
+def send(pipe: RawIOBase, content: object) -> None:
+    """Write an object.
+
+    Raises
+    ------
+    OSError
+        Nobody reads any more.
+    """
+    buffers: list[pickle.PickleBuffer] = []
+    pickled = pickle.dumps(content, 5, buffer_callback=buffers.append)
+    arrays = [one.raw() for one in buffers]
+    head = pickle.dumps((len(pickled), [one.nbytes for one in arrays]))
+    for part in (_LENGTH.pack(len(head)) + head + pickled, *arrays):
+        view = memoryview(part)
+        while view:
+            view = view[pipe.write(view) or 0 :]
+
+
+def receive(pipe: RawIOBase) -> Any:
+    """Return the next object.
+
+    Raises
+    ------
+    EOFError
+        The pipe has ended.
+    """
+    (length,) = _LENGTH.unpack(_read(pipe, _LENGTH.size))
+    size, sizes = pickle.loads(_read(pipe, length))
+    pickled = _read(pipe, size)
+    return pickle.loads(pickled, buffers=[_read(pipe, one) for one in sizes])
+
+
+def _read(pipe: RawIOBase, size: int) -> memoryview:
+    content = np.empty(size, np.uint8).data  # not cleared before, as other buffers are
+    done = 0
+    while done < size:
+        got = pipe.readinto(content[done:])
+        if not got:
+            raise EOFError
+        done += got
+    return content
+
 
 MOST_VALUES = 250_000_000  # of 8 bytes: 2 GB; seven channels at 200 Hz have them after 50 hours
 MOST_VALUES_KEY = "[data] most_values"
@@ -90,17 +144,6 @@ class ReadingRequest(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-class ReadingAnswer(NamedTuple):
-    """A result, the error that ended reading, or neither where all results were sent.
-
-    An error that is a `MemoryError` says that the limit of memory was met.
-    """
-
-    result: Any = None
-    error: Exception | None = None
-    last: bool = False
-
-
 def read_isolated(
     isolation: Isolation,
     path: Path,
@@ -150,14 +193,14 @@ def stream_isolated(
     limits = _limits(size, most_values)
     process, ended = _idle_process(), False
     try:
-        process.send(ReadingRequest(isolation, limits, path.absolute(), function, arguments))
-        while not ended:
-            answer = process.receive()
-            ended = answer.last
-            if answer.error is not None:
-                raise _own_error(answer.error, isolation, limits, path)
-            if not ended:
-                yield answer.result
+        request = ReadingRequest(isolation, limits, path.absolute(), function, arguments)
+        send(process.requests, request)
+        # Each result comes in a tuple; an error or None is the last answer.
+        while isinstance(answer := receive(process.answers), tuple):
+            yield answer[0]
+        ended = True
+        if answer is not None:
+            raise _own_error(answer, isolation, limits, path)
     except (EOFError, BrokenPipeError):
         raise _death_error(process.end(), isolation, limits, path) from None
     finally:
@@ -237,23 +280,17 @@ class _Process:
             env={**os.environ, **_ENVIRONMENT},
             start_new_session=True,  # the keyboard does not interrupt it
         )
-        self._requests = cast(RawIOBase, self._process.stdin)
-        self._answers = cast(RawIOBase, self._process.stdout)
+        self.requests = cast(RawIOBase, self._process.stdin)
+        self.answers = cast(RawIOBase, self._process.stdout)
 
     @property
     def running(self) -> bool:
         return self._process.poll() is None
 
-    def send(self, request: ReadingRequest) -> None:
-        send(self._requests, request)
-
-    def receive(self) -> ReadingAnswer:
-        return receive(self._answers)
-
     def leave(self) -> None:
         """Have nothing to do with it any more."""
-        self._requests.close()
-        self._answers.close()
+        self.requests.close()
+        self.answers.close()
         self._process.returncode = 0  # else Python says that it still runs
 
     def kill(self) -> None:
@@ -265,8 +302,8 @@ class _Process:
 
     def end(self) -> int:
         """Wait for the end of one that reads nothing more; return its exit status."""
-        self._requests.close()
-        self._answers.close()
+        self.requests.close()
+        self.answers.close()
         try:
             return self._process.wait(_ENDS_WITHIN)
         except subprocess.TimeoutExpired:  # a fork of this program holds its input open

@@ -22,7 +22,7 @@ from inercal.recordings.io.isolation import read_isolated, stream_isolated
 from inercal.recordings.io.plain_numbers import plain_blocks
 from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.readers import Reader
-from inercal.recordings.io.text_layout import TextLayout, sniff
+from inercal.recordings.io.text_layout import sniff
 
 HEAD_ROWS = 1 << 15
 """Rows by which columns are recognised."""
@@ -105,11 +105,7 @@ def _open_text(path: Path) -> LongTable | None:
     with path.open("rb") as file:
         sample = file.read(_SAMPLE_BYTES)
     rows = path.stat().st_size * max(sample.count(b"\n"), 1) // max(len(sample), 1)
-    return LongTable(path, layout.names, rows, partial(_text_blocks, path, layout))
-
-
-def _text_blocks(path: Path, layout: TextLayout, names: Sequence[str]) -> Iterator[Array]:
-    return plain_blocks(path, layout, [layout.names.index(name) for name in names])
+    return LongTable(path, layout.names, rows, partial(plain_blocks, path, layout))
 
 
 def _open_packed(path: Path, reader: Reader) -> LongTable | None:
@@ -148,94 +144,68 @@ def _parquet_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
             yield np.stack([np.asarray(one, dtype=np.float64) for one in columns], axis=1)
 
 
-@dataclass(frozen=True)
-class _Member:
-    """An array of an archive: its shape and type, and where its values begin."""
-
-    name: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+_Header = tuple[tuple[int, ...], bool, np.dtype[Any]]  # shape, whether by columns, and type
 
 
-def _npz_members(path: Path) -> tuple[tuple[_Member, ...], tuple[str, ...]] | None:
-    """Return the arrays of numbers of an archive and the names of its columns; None for others."""
+def _header(stored: Any) -> _Header:
+    """Return the header of a stored array; its values follow."""
+    first = np.lib.format.read_magic(stored) == (1, 0)
+    lib = np.lib.format
+    return lib.read_array_header_1_0(stored) if first else lib.read_array_header_2_0(stored)
+
+
+def _npz_headers(path: Path) -> tuple[dict[str, _Header], tuple[str, ...]] | None:
+    """Return the headers of the arrays of an archive and the names of its columns.
+
+    None where not all are numbers by rows, or where they are not of one length.
+    """
+    headers: dict[str, _Header] = {}
     with zipfile.ZipFile(path) as archive:
-        members = [_member(archive, name) for name in archive.namelist()]
-        titles = _titles(archive, path)
-    numbers = [one for one in members if one is not None and one.name != "columns"]
-    if len(numbers) < len([one for one in members if one is None or one.name != "columns"]):
-        return None
-    if titles is not None:
-        names = titles
-        shapes = {one.shape[1:] for one in numbers}
-        if [one.name for one in numbers] != ["data"] or shapes != {(len(titles),)}:
+        for name in archive.namelist():
+            with archive.open(name) as stored:
+                headers[name.removesuffix(".npy")] = _header(stored)
+    titled = headers.pop("columns", None) is not None
+    for shape, by_columns, dtype in headers.values():
+        by_rows = len(shape) == 1 or (titled and len(shape) == 2 and not by_columns)
+        if not by_rows or dtype.kind not in "fiu":
             return None
-    else:
-        names = tuple(one.name for one in numbers)
-        if any(len(one.shape) != 1 for one in numbers):
-            return None
-    if len({one.shape[0] for one in numbers}) != 1:
+    if len({shape[0] for shape, _, _ in headers.values()}) != 1:
         return None
-    return tuple(numbers), names
+    if not titled:
+        return headers, tuple(headers)
+    with np.load(path, allow_pickle=False) as file:
+        names = tuple(map(str, file["columns"]))
+    fits = list(headers) == ["data"] and headers["data"][0][1:] == (len(names),)
+    return (headers, names) if fits else None
 
 
 def _npz_columns(path: Path) -> "_Shape | None":
-    found = _npz_members(path)
-    return None if found is None else (found[1], found[0][0].shape[0])
-
-
-def _member(archive: zipfile.ZipFile, name: str) -> _Member | None:
-    """Return an array of numbers by rows; None of anything else."""
-    with archive.open(name) as stored:
-        version = np.lib.format.read_magic(stored)  # type: ignore[arg-type]
-        read = np.lib.format.read_array_header_1_0
-        read = read if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read(stored)  # type: ignore[arg-type]
-    if name == "columns.npy":
-        return _Member("columns", shape, dtype)
-    by_rows = len(shape) == 1 or (len(shape) == 2 and not fortran)
-    return (
-        _Member(name.removesuffix(".npy"), shape, dtype)
-        if (by_rows and dtype.kind in "fiu")
-        else None
-    )
-
-
-def _titles(archive: zipfile.ZipFile, path: Path) -> tuple[str, ...] | None:
-    if "columns.npy" not in archive.namelist():
-        return None
-    with np.load(path, allow_pickle=False) as file:
-        return tuple(map(str, file["columns"]))
+    found = _npz_headers(path)
+    return None if found is None else (found[1], next(iter(found[0].values()))[0][0])
 
 
 def _npz_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
-    found = _npz_members(path)
+    found = _npz_headers(path)
     assert found is not None
-    members, all_names = found
-    block = members[0].name == "data" and len(members[0].shape) == 2
-    chosen = members if block else tuple(m for name in names for m in members if m.name == name)
-    places = [all_names.index(name) for name in names] if block else []
-    rows = members[0].shape[0]
+    headers, all_names = found
+    block = set(headers) != set(all_names)  # one array holds all columns
     with zipfile.ZipFile(path) as archive:
-        files = [archive.open(f"{one.name}.npy") for one in chosen]
-        for one in files:
-            version = np.lib.format.read_magic(one)  # type: ignore[arg-type]
-            read = np.lib.format.read_array_header_1_0
-            read = read if version == (1, 0) else np.lib.format.read_array_header_2_0
-            read(one)  # type: ignore[arg-type]
+        files = {name: archive.open(f"{name}.npy") for name in (headers if block else names)}
+        rows = {_header(file)[0][0] for file in files.values()}.pop()
         for start in range(0, rows, BLOCK_ROWS):
             count = min(BLOCK_ROWS, rows - start)
-            parts = [_values(*one, count) for one in zip(files, chosen, strict=True)]
-            yield parts[0][:, places] if block else np.concatenate(parts, axis=1)
+            parts = [_values(files[name], name, headers[name], count) for name in files]
+            values = np.concatenate(parts, axis=1)
+            yield values[:, [all_names.index(name) for name in names]] if block else values
 
 
-def _values(file: Any, member: _Member, rows: int) -> Array:
+def _values(file: Any, name: str, header: _Header, rows: int) -> Array:
     """Return the next rows of an array, (k, c)."""
-    width = member.shape[1] if len(member.shape) == 2 else 1
-    data = file.read(rows * width * member.dtype.itemsize)
-    found = np.frombuffer(data, dtype=member.dtype)
+    shape, _, dtype = header
+    width = shape[1] if len(shape) == 2 else 1
+    found = np.frombuffer(file.read(rows * width * dtype.itemsize), dtype=dtype)
     if found.size != rows * width:
-        raise EOFError(f"array {member.name!r} ends early")
+        raise EOFError(f"array {name!r} ends early")
     return found.reshape(rows, width).astype(np.float64)
 
 

@@ -8,7 +8,6 @@ user states a value for all rows, or columns hold that of each row, "ax_sd" for 
 import csv
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.rounding import last_digit
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis, Sensor
-from inercal.recordings import Observations, ReadingSteps, rounded_channels, rounding_notes
+from inercal.recordings import Observations, ReadingSteps, add_rounding
 from inercal.recordings.io.column_table import TOO_LARGE, Array, Table, shorten
 from inercal.recordings.io.read import Columns, read_table
 from inercal.recordings.rounding_errors import NOISY
@@ -163,12 +162,9 @@ def observations_from_table(
     digits = _rounding_of_digits(output, deviation, sensor)
     rounding, notes = digits.errors_of_means(mean), tuple[str, ...]()
     if rounding is not None:
-        rounding = replace(
-            rounding, channels=rounded_channels(sensor, digits, covariance, digits.step**2 / 12)
-        )
-        notes = rounding_notes(sensor, rounding.channels)
-        rounding = rounding.with_independent(digits.step**2 / 12 - digits.variance)
-        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(sensor.axes))
+        even = digits.step**2 / 12
+        rounding = rounding.with_independent(even - digits.variance)
+        rounding, covariance, notes = add_rounding(sensor, rounding, covariance, even)
     return Observations(
         labels=labels,
         mean=mean,

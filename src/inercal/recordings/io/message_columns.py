@@ -24,8 +24,9 @@ from inercal.recordings.io.column_table import (
     file_sha256,
     select_columns,
     shorten,
+    whole_number_labels,
 )
-from inercal.recordings.io.nearest_times import nearest_samples
+from inercal.recordings.io.time_stamps import nearest_samples
 
 TIME = "time"  # the column of times
 _NS = 10**9
@@ -166,7 +167,7 @@ def table_from_messages(
             topic = of[name]
             values = topic.fields[name.removeprefix(f"{topic.topic}.")]
             place[:] = values[at[topic.topic][keep]]
-        columns[name] = _labels(place) if name in wanted.text else place
+        columns[name] = whole_number_labels(place).astype(np.str_) if name in wanted.text else place
     return Table(
         names,
         columns,
@@ -205,9 +206,3 @@ def _joined(
             names=tuple(topic.topic for topic in sampled),
         )
     return at, keep
-
-
-def _labels(values: NDArray[np.float64]) -> Column:
-    """Return whole numbers as labels, such as the number of a mode."""
-    whole = np.isfinite(values).all() and (values == np.round(values)).all()
-    return values.astype(np.int64).astype(np.str_) if whole else values.astype(np.str_)

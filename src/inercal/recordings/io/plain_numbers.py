@@ -75,7 +75,7 @@ def _load(
     return {k: np.concatenate(part) for k, part in parts.items()}, n
 
 
-def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[int]) -> Iterator[Array]:
+def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iterator[Array]:
     """Yield the rows of columns of numbers of a plain file, (k, c), some at a time.
 
     Raises
@@ -83,7 +83,7 @@ def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[int]) -> Iter
     InputError
         The file is not plain.
     """
-    names = [str(k) for k in columns]
+    names = [str(layout.names.index(name)) for name in columns]
     try:
         for batch in _batches(path, layout, names, ()):
             found = [np.asarray(np.from_dlpack(batch.column(name)), np.float64) for name in names]

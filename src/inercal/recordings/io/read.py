@@ -15,7 +15,6 @@ from inercal.recordings import Recording
 from inercal.recordings.io.audit import audit, audit_rows, require_accepted
 from inercal.recordings.io.column_table import ReadRequest, Table, open_error
 from inercal.recordings.io.isolation import MOST_VALUES_KEY, read_isolated
-from inercal.recordings.io.nearest_times import nearest_samples
 from inercal.recordings.io.readers import (
     HEAD_BYTES,
     MOST_VALUES_OPTION,
@@ -31,6 +30,7 @@ from inercal.recordings.io.table_recording import (
     recording_from_table,
     sample_times,
 )
+from inercal.recordings.io.time_stamps import nearest_samples
 
 _GZIP = b"\x1f\x8b"
 _ROUNDING = 1e-6  # of half a step: stamps of few digits
@@ -216,11 +216,6 @@ def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> 
         )
     files = [path] if second is None else [path, second]
     _refuse_unknown_options(columns.options, *files)
-    return _read_together(path, columns, second)
-
-
-def _read_together(path: Path, columns: Columns, second: Path | None) -> Recording:
-    """Return the recording of a file, or of two by their rows or times."""
     if second is not None and columns.second_time is not None:
         return _join_by_time(path, second, columns)
     table = _read(path, read_request(columns), columns.options)

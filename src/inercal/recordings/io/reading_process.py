@@ -16,9 +16,14 @@ from io import FileIO
 from typing import Any, cast
 
 from inercal.basics.errors import InercalError
-from inercal.recordings.io.array_pipe import receive, send
 from inercal.recordings.io.damaged_files import refuse_damage
-from inercal.recordings.io.isolation import FORKS, ReadingAnswer, ReadingLimits, ReadingRequest
+from inercal.recordings.io.isolation import (
+    FORKS,
+    ReadingLimits,
+    ReadingRequest,
+    receive,
+    send,
+)
 
 _INPUT, _OUTPUT = 0, 1
 _SIGNALLED = 128  # and the signal, as shells count it
@@ -61,14 +66,14 @@ def _answer(request: ReadingRequest, answers: FileIO) -> None:
             results = cast(Iterator[Any], found) if isinstance(found, Iterator) else (found,)
             for result in results:
                 _set_alarm(0)
-                send(answers, ReadingAnswer(result))
+                send(answers, (result,))
                 _set_alarm(request.limits.waited)
     except (InercalError, ImportError, OSError, MemoryError) as error:
         _set_alarm(0)
         of_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == ENOMEM
-        send(answers, ReadingAnswer(error=MemoryError() if of_memory else error, last=True))
+        send(answers, MemoryError() if of_memory else error)
     else:
-        send(answers, ReadingAnswer(last=True))
+        send(answers, None)
 
 
 def _set_limits(limits: ReadingLimits) -> None:

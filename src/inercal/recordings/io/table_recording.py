@@ -20,7 +20,7 @@ from inercal.recordings.io.time_stamps import (
     times_from_iso,
     times_from_origin,
 )
-from inercal.recordings.temperature_readout import CELSIUS, TemperatureReadout
+from inercal.recordings.temperature import CELSIUS, TemperatureReadout
 
 _NS = 10**9
 

@@ -90,7 +90,11 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
     for name in names:
         k = layout.names.index(name)
         read[name] = labels[k] if k in words else blank[name][:n]
-        if name in wanted.whole and k not in words and _exceeds_float(blank[name][:n]):
+        if (
+            name in wanted.whole
+            and k not in words
+            and (np.abs(blank[name][:n]).max(initial=0.0) > _LARGEST_EXACT)
+        ):
             read[name] = _whole_numbers(path, layout, k, blank[name][:n])
     # With comments and blank lines between the data, row k is not line first_line + k.
     rows_are_lines = layout.first_line + n - 1 == found.lines
@@ -106,11 +110,6 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
         block=block[:n],
         line_breaks=breaks,
     )
-
-
-def _exceeds_float(values: Array) -> bool:
-    """Return whether a number may have more digits than float64 holds."""
-    return bool(np.abs(values).max(initial=0.0) > _LARGEST_EXACT)
 
 
 def _whole_numbers(path: Path, layout: TextLayout, column: int, read: Array) -> Column:
@@ -162,7 +161,8 @@ def _chunks(
 ) -> Iterator[NDArray[np.void]]:
     """Yield structured arrays of some rows; columns that are not wanted are single letters."""
     kinds = {
-        k: "f8" if str(k) in numbers else "O" if k in words else "U1" for k in _column_range(layout)
+        k: "f8" if str(k) in numbers else "O" if k in words else "U1"
+        for k in range(len(layout.names))
     }
     n = 0
     with path.open(encoding="utf-8-sig") as file:
@@ -189,10 +189,6 @@ def _chunks(
             n += rows.size
 
 
-def _column_range(layout: TextLayout) -> range:
-    return range(len(layout.names))
-
-
 def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[str]:
     """Return the lines of data as the parser needs them: decimal points, no empty number."""
     lines = islice(file, layout.first_line - 1, None)
@@ -202,6 +198,9 @@ def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[
     if separator is None or not fill:
         return lines
 
+    def quoted_cell(cell: str) -> str:
+        return '"' + cell.replace('"', '""') + '"'
+
     def filled(line: str) -> str:
         content = layout.content(line)
         if not content:
@@ -209,16 +208,11 @@ def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[
         quoted = '"' in content
         cells = layout.cells(line) if quoted else content.split(separator)
         return separator.join(
-            "nan" if k in fill and not cell.strip() else _quoted_cell(cell) if quoted else cell
+            "nan" if k in fill and not cell.strip() else quoted_cell(cell) if quoted else cell
             for k, cell in enumerate(cells)
         )
 
     return map(filled, lines)
-
-
-def _quoted_cell(cell: str) -> str:
-    """Return the cell in quotation marks, those inside it doubled."""
-    return '"' + cell.replace('"', '""') + '"'
 
 
 def _check_cells(

@@ -61,7 +61,6 @@ def scan(path: Path) -> Scan:
                 newline = b"\n" if b"\n" in block else b"\r"
             if (at := block.find(b"\0")) >= 0:
                 line = complete + block.count(newline, 0, at) + 1
-                _refuse_utf16_without_mark(block, complete, path.name)
                 raise InputError(
                     f"{path.name} line {line}: binary data where text is expected; export the "
                     "file as text",
@@ -111,18 +110,12 @@ def _refuse_long_line(
 
 
 def _refuse_utf16(block: bytes, name: str) -> None:
-    if block.startswith(_UTF16):
-        raise InputError(f"{name} is UTF-16 text; save it as UTF-8")
-
-
-def _refuse_utf16_without_mark(block: bytes, lines: int, name: str) -> None:
-    """Refuse ASCII in UTF-16: a zero byte with each letter, at the begin of the file."""
+    """Refuse a file that begins with a mark of UTF-16, or with a zero byte beside each letter."""
     pairs = block[:_UTF16_SAMPLE]
-    if lines or len(pairs) < _UTF16_SAMPLE:
-        return
-    for zeros, letters in ((pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2])):
-        if not any(zeros) and all(letters):
-            raise InputError(f"{name} is UTF-16 text; save it as UTF-8")
+    halves = ((pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2]))
+    ascii_ = any(not any(zeros) and all(letters) for zeros, letters in halves)
+    if block.startswith(_UTF16) or (len(pairs) == _UTF16_SAMPLE and ascii_):
+        raise InputError(f"{name} is UTF-16 text; save it as UTF-8")
 
 
 def _refuse_other_encodings(

@@ -3,6 +3,10 @@
 A wrong unit of time changes integrals and not means: no later check detects it. Stamps that look
 like another unit than the unit in force are therefore refused, and the message names the key to
 set; no unit is guessed.
+
+Samples of two sensors are joined by time: to each sample the one of the other nearest in time.
+
+No reading is interpolated: that would filter its noise.
 """
 
 import re
@@ -10,12 +14,14 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from fractions import Fraction
 from math import floor, isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
+from inercal.recordings import Indices
 from inercal.recordings.io.column_table import Array, Table, shorten
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; beyond them the unit is wrong
@@ -105,7 +111,9 @@ def require_unit(
     unit_key, rate_key = keys
     rate = _rate(stamps)
     if unit is None:
-        if (named := _unit_of_column_name(column)) is not None:
+        # The unit that the name of the column ends with, other than s.
+        if (found := _NAMED.search(column)) is not None:
+            named = found.lastgroup
             raise InputError(
                 f"{source}: column {column!r} has {named} in its name, but no unit is stated, "
                 f'which means s: state {unit_key} = "{named}"',
@@ -165,12 +173,6 @@ def _mean_rate(stamps: Stamps) -> float:
     """Return samples per unit of the stamps, from the first to the last of them."""
     finite = stamps[np.isfinite(stamps)]
     return (finite.size - 1) / float(np.ptp(finite))
-
-
-def _unit_of_column_name(column: str) -> str | None:
-    """Return the unit that a column's name ends with, other than s."""
-    found = _NAMED.search(column)
-    return None if found is None else found.lastgroup
 
 
 def _epoch_unit(stamps: Stamps) -> str | None:
@@ -308,3 +310,31 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
             f"were lost; remove repeated packets and sort late packets ({bad.size} in all)"
         )
     return np.concatenate([[0.0], np.cumsum(step)]) / rate_hz
+
+
+_APART = 0.75  # of the longer median step: how far a sample may be from the one it is joined to
+
+
+def nearest_samples(times: NDArray[Any], wanted: NDArray[Any]) -> tuple[Indices, NDArray[np.bool_]]:
+    """Return the sample nearest to each wanted time, (n,), and whether it is near enough.
+
+    Parameters
+    ----------
+    times : (m,) array
+        In any order.
+    wanted : (n,) array
+        In the same unit.
+    """
+    order = np.argsort(times, kind="stable")
+    ordered = times[order]
+    after = np.clip(np.searchsorted(ordered, wanted), min(1, times.size - 1), times.size - 1)
+    before = np.maximum(after - 1, 0)
+    closer = wanted - ordered[before] <= ordered[after] - wanted
+    near = order[np.where(closer, before, after)]
+    reach = _APART * max(_median_step(times), _median_step(wanted))
+    return near, np.abs(times[near] - wanted) <= reach
+
+
+def _median_step(times: NDArray[Any]) -> float:
+    steps = np.abs(np.diff(times))
+    return float(np.median(steps, overwrite_input=True)) if steps.size else 0.0

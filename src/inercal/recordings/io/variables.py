@@ -28,6 +28,7 @@ from inercal.recordings.io.column_table import (
     refuse_unequal_lengths,
     row_blocks,
     select_columns,
+    whole_number_labels,
 )
 
 # Why a variable is not a column.
@@ -79,16 +80,19 @@ class Variable:
             return "is empty"
         if not 1 <= len(self.shape) <= 2:
             return "is a single number" if not self.shape else f"has {len(self.shape)} axes, not 2"
-        if min(self.sample_and_column_counts) > MOST_COLUMNS:
+        if min(self.length, self.width) > MOST_COLUMNS:
             return f"{self.shape} is not a table"
         return ""
 
     @property
-    def sample_and_column_counts(self) -> tuple[int, int]:
-        """Number of samples, and number of columns."""
-        return self.shape[self.sample_axis], int(np.prod(self.shape)) // self.shape[
-            self.sample_axis
-        ]
+    def length(self) -> int:
+        """Number of samples."""
+        return self.shape[self.sample_axis]
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return int(np.prod(self.shape)) // self.length
 
     @property
     def sample_axis(self) -> int:
@@ -101,7 +105,7 @@ class Variable:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of its columns."""
-        count = self.sample_and_column_counts[1]
+        count = self.width
         return (self.name,) if count == 1 else tuple(f"{self.name}({k + 1})" for k in range(count))
 
 
@@ -126,16 +130,10 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
         )
     length = _length(columns)
     requested = set(wanted.names or ())
-    names = [
-        name
-        for name, v, _ in columns
-        if v.sample_and_column_counts[0] == length or name in requested
-    ]
+    names = [name for name, v, _ in columns if v.length == length or name in requested]
     chosen = select_columns(names, wanted.names, source)
     found = {name: (v, k) for name, v, k in columns if name in chosen}
-    refuse_unequal_lengths(
-        {name: found[name][0].sample_and_column_counts[0] for name in chosen}, source
-    )
+    refuse_unequal_lengths({name: found[name][0].length for name in chosen}, source)
     read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
     return Table(tuple(names), read, source, file_sha256(path), 0, header=True, block=block)
 
@@ -146,7 +144,7 @@ def number_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int]
     if not columns:
         return None
     length = _length(columns)
-    own = [(name, v) for name, v, _ in columns if v.sample_and_column_counts[0] == length]
+    own = [(name, v) for name, v, _ in columns if v.length == length]
     return None if any(v.text for _, v in own) else (tuple(name for name, _ in own), length)
 
 
@@ -161,7 +159,7 @@ def column_blocks(variables: Sequence[Variable], names: Sequence[str]) -> Iterat
     """
     found = {name: (v, k) for name, v, k in _columns(variables) if name in names}
     used = {v.name: v for v, _ in found.values()}
-    n = next(iter(used.values())).sample_and_column_counts[0]
+    n = next(iter(used.values())).length
     stored = {name: v.open() for name, v in used.items()}
     for rows in row_blocks(n, max(_rows_per_read(v) for v in used.values())):
         parts = {name: _rows(v, stored[name], rows) for name, v in used.items()}
@@ -180,7 +178,7 @@ def _length(columns: Sequence[tuple[str, Variable, int]]) -> int:
     """Return the length that most numbers share."""
     counted: Counter[int] = Counter()
     for _, v, _ in columns:
-        counted[v.sample_and_column_counts[0]] += v.sample_and_column_counts[0]
+        counted[v.length] += v.length
     return max(counted, key=lambda n: (counted[n], n))
 
 
@@ -199,7 +197,7 @@ def _read(
     variables: Sequence[Variable], chosen: Sequence[str], wanted: ReadRequest, source: str
 ) -> tuple[dict[str, Column], Array]:
     """Return the chosen columns by name, and their block, reading some samples at a time."""
-    n = variables[0].sample_and_column_counts[0]
+    n = variables[0].length
     text = {v.name for v in variables if v.text}
     numbers = [name for name, v in zip(chosen, variables, strict=True) if not v.text]
     blank, block = wanted.empty_columns(n, numbers)
@@ -225,7 +223,7 @@ def _read(
             values = filled[name]
             if name in wanted.whole:
                 values = wanted.number_column(name, values)
-            read[name] = _integer_labels(values) if name in wanted.text else values
+            read[name] = whole_number_labels(values) if name in wanted.text else values
     return {name: read[name] for name in chosen}, block
 
 
@@ -237,11 +235,5 @@ def _rows(variable: Variable, stored: Any, rows: slice) -> NDArray[Any]:
 
 def _rows_per_read(variable: Variable) -> int:
     """Return a multiple of the chunk: no part of a file is decompressed twice."""
-    rows = max(1, 8 * BLOCK_ROWS // variable.sample_and_column_counts[1])
+    rows = max(1, 8 * BLOCK_ROWS // variable.width)
     return -(-rows // variable.chunk) * variable.chunk
-
-
-def _integer_labels(values: NDArray[Any]) -> Column:
-    """Return whole numbers as labels: MATLAB writes 1, 2, 3 as floating point."""
-    integer = np.isfinite(values).all() and (values == np.round(values)).all()
-    return values.astype(np.int64).astype(np.str_) if integer else values

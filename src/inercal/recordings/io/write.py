@@ -21,7 +21,7 @@ from inercal.recordings.io.column_table import Column
 from inercal.recordings.io.parquet import write_parquet
 from inercal.recordings.io.read import Columns
 from inercal.recordings.io.simulation_mark import SIMULATION_KEY
-from inercal.recordings.temperature_readout import temperature_readout
+from inercal.recordings.temperature import temperature_readout
 
 _CHUNK = 10_000  # rows of CSV formatted at a time
 

@@ -14,25 +14,16 @@ from inercal.recordings.segments.plan_check import (
     check_turn_ends,
     marks_from_labels,
 )
-from inercal.recordings.segments.rest_changes import bias_jump_test, changes_within_rests
+from inercal.recordings.segments.rest_changes import (
+    bias_jump_test,
+    changes_within_rests,
+    require_still,
+)
 from inercal.recordings.segments.rest_detection import RestDetection, find_rests, find_thresholds
-from inercal.recordings.segments.section_detection import find_marks, find_sections, search_sections
+from inercal.recordings.segments.section_detection import find_sections, search_sections
 from inercal.recordings.segments.section_means import observe
-from inercal.recordings.segments.stationary_states import (
-    find_stationary_states,
-    omitted_state_findings,
-)
-from inercal.recordings.segments.stillness import require_still
-from inercal.recordings.segments.turntable_segments import (
-    AxisTurn,
-    find_holds,
-    find_turns,
-    holds_from_numbers,
-    select_long_holds,
-)
 
 __all__ = [
-    "AxisTurn",
     "RestDetection",
     "average_dwells",
     "bias_jump_test",
@@ -41,23 +32,16 @@ __all__ = [
     "check_marks",
     "check_turn_ends",
     "find_dwells",
-    "find_holds",
-    "find_marks",
     "find_rests",
     "find_sections",
-    "find_stationary_states",
     "find_thresholds",
-    "find_turns",
     "holds_from_marks",
-    "holds_from_numbers",
     "holds_from_observations",
     "marks_from_labels",
     "observe",
-    "omitted_state_findings",
     "require_still",
     "scatter",
     "search_sections",
-    "select_long_holds",
     "transitions_between_rests",
     "valid_marks",
 ]

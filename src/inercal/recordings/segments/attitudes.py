@@ -9,7 +9,7 @@ the sway of the hand would not average out.
 """
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import accumulate
 
 import numpy as np
@@ -58,6 +58,15 @@ def valid_marks(
             names=tuple(mark.label for mark in ordered),
         )
     return tuple(usable), tuple(findings)
+
+
+def flaws(recording: Recording, mark: Mark) -> Iterator[Finding]:
+    """Yield the findings of saturated or stuck samples of a mark."""
+    for one in recording.findings:
+        if one.what not in INVALID_SAMPLES or one.start is None or one.stop is None:
+            continue
+        if one.start < mark.stop and one.stop > mark.start:
+            yield one
 
 
 def range_findings(

@@ -35,16 +35,21 @@ def even_drift_covariance(noise: Noise, count: int, seconds: float) -> Array:
     f: Array = np.geomspace(low, high, int(_POINTS_A_DECADE * np.log10(high / low)) + 2)
     apart = np.arange(count)
     smooth: Array = np.sinc(f * seconds) ** 2 / np.pi
-    steps = np.diff(np.log(f))
-    weight = np.zeros(f.size)
-    weight[1:] += 0.5 * steps
-    weight[:-1] += 0.5 * steps
-    flicker = np.cos(2 * np.pi * seconds * np.outer(apart, f)) @ (weight * smooth)
+    flicker = np.cos(2 * np.pi * seconds * np.outer(apart, f)) @ (_trapezoid(f) * smooth)
     middles = (apart + 0.5) * seconds
     walk = np.minimum(middles[:, None], middles)
     np.fill_diagonal(walk, middles - seconds / 6)
     between = flicker[np.abs(apart[:, None] - apart)]
     return noise.bias_instability**2 * between + noise.random_walk**2 * walk
+
+
+def _trapezoid(f: Array) -> Array:
+    """Return the weights of an integral over df/f = d(ln f)."""
+    steps = np.diff(np.log(f))
+    weight = np.zeros(f.size)
+    weight[1:] += 0.5 * steps
+    weight[:-1] += 0.5 * steps
+    return weight
 
 
 def drift_covariance(
@@ -70,11 +75,12 @@ def drift_covariance(
     points = int(_POINTS_A_DECADE * np.log10(high / low)) + 2
     f: Array = np.geomspace(low, high, points)
     smooth: Array = np.sinc(f * durations[:, None])
-    apart = middles[:, None] - middles
-    # df/f = d(ln f); twice, for the negative frequencies.
-    integrand = smooth[:, None] * smooth * np.cos(2 * np.pi * f * apart[..., None]) / np.pi
-    steps = np.diff(np.log(f))
-    flicker = 0.5 * (integrand[..., 1:] + integrand[..., :-1]) @ steps
+    i, j = np.triu_indices(middles.size)
+    apart = np.outer(middles[j] - middles[i], 2 * np.pi * f)
+    flicker = np.empty((middles.size, middles.size))
+    # Twice, for the negative frequencies.
+    weight = _trapezoid(f) / np.pi
+    flicker[i, j] = flicker[j, i] = (smooth[i] * smooth[j] * np.cos(apart)) @ weight
     walk = np.minimum(middles[:, None], middles)
     # Within a section min(t, t') averages to its start plus a third of its length.
     np.fill_diagonal(walk, middles - durations / 6)

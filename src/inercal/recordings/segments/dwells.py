@@ -16,7 +16,7 @@ samples. The first harmonic of the readings themselves corrects the azimuth of t
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from math import pi
 
@@ -33,10 +33,9 @@ from inercal.recordings import (
     Mark,
     Observations,
     Recording,
-    rounded_channels,
-    rounding_notes,
+    add_rounding,
 )
-from inercal.recordings.segments.attitudes import INVALID_SAMPLES
+from inercal.recordings.segments.attitudes import flaws
 from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps
 
@@ -169,12 +168,7 @@ def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
 
 def flaw_text(recording: Recording, mark: Mark) -> str | None:
     """Return the audit's message on saturated or stuck samples of a mark, if any."""
-    for finding in recording.findings:
-        if finding.what not in INVALID_SAMPLES or finding.start is None or finding.stop is None:
-            continue
-        if finding.start < mark.stop and finding.stop > mark.start:
-            return finding.message
-    return None
+    return next((flaw.message for flaw in flaws(recording, mark)), None)
 
 
 def average_dwells(
@@ -223,11 +217,7 @@ def average_dwells(
     rounding = coarse.errors_of_means(mean)
     notes: tuple[str, ...] = ()
     if rounding is not None:
-        rounding = replace(
-            rounding, channels=rounded_channels(sensor, coarse, covariance, coarse.variance)
-        )
-        notes = rounding_notes(sensor, rounding.channels)
-        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(columns))
+        rounding, covariance, notes = add_rounding(sensor, rounding, covariance, coarse.variance)
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])
     starts = np.array([recording.time[d.mark.start] for d in dwells])
     drift = drift_covariance(

@@ -27,17 +27,15 @@ Otsu's criterion:
 
 from dataclasses import dataclass
 from math import exp, log, sqrt
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording, sample_count
-
-Kind = Literal["f", "w"]
 
 WINDOW = 0.5  # s over which scatter is computed
 CLASS_RATIO = 1.75  # ratio of the classes' mean scatters
@@ -63,18 +61,27 @@ class MotionThreshold:
         Infinite where rest and motion of this kind are not distinct.
     """
 
-    kind: Kind
+    kind: Measures
     unit: str
     quiet: float
     moving: float
     threshold: float
+
+    @property
+    def words(self) -> str:
+        """Scatter at rest and threshold, in words."""
+        limit = f"threshold {self.threshold:.3g} {self.unit}"
+        if not np.isfinite(self.threshold):
+            limit = "no threshold because rest and motion scatter equally"
+        kind = QUANTITIES[self.kind].sensors
+        return f"scatter at rest {self.quiet:.3g} {self.unit}, {limit} ({kind})"
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedAxes:
     """The columns of one kind of axis, with weights to the scale of the first column."""
 
-    kind: Kind
+    kind: Measures
     unit: str
     columns: Indices
     weight: Array
@@ -94,7 +101,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
             f"are {recording.data.shape}; detect them in each trial"
         )
     found: list[WeightedAxes] = []
-    for kind in get_args(Kind):
+    for kind in get_args(Measures):
         axes = sensor.select_axes(kind).axes
         if axes:
             columns = np.array([recording.channels.index(axis.name) for axis in axes])
@@ -119,7 +126,7 @@ def gapless_segments(recording: Recording) -> Indices:
     return np.column_stack([np.r_[0, after], np.r_[after, recording.time.size]])
 
 
-def scatter(recording: Recording, sensor: Sensor, kind: Kind) -> Array:
+def scatter(recording: Recording, sensor: Sensor, kind: Measures) -> Array:
     """Return the scatter that is compared with the thresholds, of each sample: (n,), output units.
 
     It is the standard deviation over a window, root mean square over the axes of one kind.

@@ -134,7 +134,7 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
             f"{recording.source}: no rest of {(shortest + 2 * margin) / rate + WINDOW:.2g} s is "
             "found: there are only single quiet moments between moves"
             + (f", and in {crept} quiet sections the sensor turned slowly" if crept else "")
-            + "".join(f"; {_threshold_text(level)}" for level in levels)
+            + "".join(f"; {level.words}" for level in levels)
             + "; hold each position longer"
         )
     width = max(len(str(len(kept))), 2)
@@ -240,20 +240,12 @@ def _detection_text(
     parts = [
         f"{len(marks)} rest{'s' * (len(marks) > 1)} of {length} detected, {share:.0f} % of time"
     ]
-    parts += map(_threshold_text, levels)
+    parts += [level.words for level in levels]
     if crept:
         parts.append(f"{crept} left out because the sensor turned slowly")
     if shortened:
         parts.append(f"{shortened} shortened because the sensor turned slowly at an end")
     return "; ".join(parts)
-
-
-def _threshold_text(level: MotionThreshold) -> str:
-    limit = f"threshold {level.threshold:.3g} {level.unit}"
-    if not np.isfinite(level.threshold):
-        limit = "no threshold because rest and motion scatter equally"
-    return f"scatter at rest {level.quiet:.3g} {level.unit}, {limit} "
-    f"({QUANTITIES[level.kind].sensors})"
 
 
 def find_thresholds(recording: Recording, sensor: Sensor) -> tuple[MotionThreshold, ...]:

@@ -9,7 +9,6 @@ identifies a rest, axis and angle of the integrated rate identify a turn.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +16,18 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, true_ranges
 from inercal.basics.errors import InputError
 from inercal.physics.plan import HandStep, Hold, Turn
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording, sample_count
 from inercal.recordings.segments.motion_thresholds import (
+    WINDOW,
     MotionThreshold,
     axis_kinds,
     gapless_segments,
     motion_threshold,
+    window_samples,
 )
 
-WINDOW = 0.5  # s over which scatter is computed
 MARGIN = 0.25  # s cut off both ends of a rest, where the hand grips and lets go
 SHORTEST = 1.0  # s
 # Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, a hand's
@@ -68,7 +68,7 @@ class SectionDetection:
     def words(self) -> str:
         """Number of rests and thresholds, in one line."""
         found = f"{len(self.rests)} rests of {SHORTEST:g} s or more are detected"
-        return "; ".join([found, *(_threshold_text(level) for level in self.levels)])
+        return "; ".join([found, *(level.words for level in self.levels)])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -77,18 +77,6 @@ class SectionDetection:
             return ()
         text = f"no rest fits {', '.join(self.missing)}: {self.words}"
         return (Finding("warning", "missing", text),)
-
-
-def _threshold_text(level: MotionThreshold) -> str:
-    kind, unit = QUANTITIES[level.kind].sensors, level.unit
-    return (
-        f"scatter at rest {level.quiet:.3g} {unit}, threshold {level.threshold:.3g} {unit} ({kind})"
-    )
-
-
-def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[HandStep]) -> tuple[Mark, ...]:
-    """Return a mark for each detected step: the marks of `find_sections`."""
-    return find_sections(recording, sensor, steps).marks
 
 
 def find_sections(
@@ -105,8 +93,8 @@ def find_sections(
     if not found.rests:
         raise InputError(
             f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s is detected "
-            f"({'; '.join(map(_threshold_text, found.levels))}); mark the sections in a file or a "
-            "column",
+            f"({'; '.join(level.words for level in found.levels)}); mark the sections in a file or "
+            "a column",
             names=tuple(step.label for step in steps),
         )
     return found
@@ -141,7 +129,7 @@ def search_sections(
             "a column",
             names=sensor.channels,
         )
-    window = max(sample_count(WINDOW, recording.median_step), 4)
+    window = window_samples(recording)
     if y.shape[0] < 4 * window:
         raise InputError(
             f"{recording.source}: {recording.duration:.2g} s are too short to detect sections; "
@@ -242,7 +230,7 @@ def _sections(
         for a, b in true_ranges(quiet).tolist()
         if b - a - 2 * margin >= shortest
     ]
-    kinds: list[tuple[Literal["f", "w"], list[int]]] = [("f", force), ("w", rate)]
+    kinds: list[tuple[Measures, list[int]]] = [("f", force), ("w", rate)]
     levels = tuple(
         _level(sensor, kind, [channels[k] for k in own], [limits[k] for k in own], quiet)
         for kind, own in kinds
@@ -265,7 +253,7 @@ def _sections(
 
 def _level(
     sensor: Sensor,
-    kind: Literal["f", "w"],
+    kind: Measures,
     channels: Sequence[_Channel],
     limits: Sequence[float],
     quiet: NDArray[np.bool_],

@@ -22,7 +22,6 @@ readings' noise.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -32,27 +31,21 @@ from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty import BATCHES, pooled_mean_covariances
 from inercal.physics.plan import Rotation, Step, Turn
 from inercal.physics.sensors import Sensor
-from inercal.recordings import (
-    Mark,
-    Observations,
-    Recording,
-    rounded_channels,
-    rounding_notes,
-)
-from inercal.recordings.segments.attitudes import INVALID_SAMPLES
+from inercal.recordings import Mark, Observations, Recording, add_rounding
+from inercal.recordings.segments.attitudes import flaws
 from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.hand_motion_noise import (
     density_without_hand_motion,
     noise_degrees_of_freedom,
 )
 from inercal.recordings.segments.reading_steps import reading_steps
+from inercal.recordings.segments.rest_changes import require_still
 from inercal.recordings.segments.section_noise import (
     SectionNoise,
     drift_notes,
     section_noise_statistics,
 )
-from inercal.recordings.segments.stillness import require_still
-from inercal.recordings.temperature_course import temperature_varies
+from inercal.recordings.temperature import temperature_varies
 
 Sections = Callable[[], Iterable[Array]]
 """Returns the sections anew with each call, (..., n, m) each."""
@@ -202,10 +195,8 @@ def observe(
         scatter = np.stack([section(step, trial).std(axis=-2) for step in used])
         rounding = steps_of_readings.errors_of_means(mean, samples, scatter)
     if rounding is not None:
-        channels = rounded_channels(sensor, steps_of_readings, covariance, coarse)
-        rounding = replace(rounding, channels=channels)
-        notes = (*notes, *rounding_notes(sensor, channels))
-        covariance = covariance + rounding.variances[:, :, None] * np.eye(len(columns))
+        rounding, covariance, further = add_rounding(sensor, rounding, covariance, coarse)
+        notes = (*notes, *further)
     return Observations(
         labels=tuple(step.label for step in used),
         mean=mean,
@@ -227,11 +218,8 @@ def observe(
 def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:
     """Refuse a section with saturated or stuck samples, or a turn with lost samples."""
     where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"
-    for flaw in recording.findings:
-        if flaw.what not in INVALID_SAMPLES or flaw.start is None or flaw.stop is None:
-            continue
-        relevant = flaw.channel is None or flaw.channel in channels
-        if relevant and flaw.start < mark.stop and flaw.stop > mark.start:
+    for flaw in flaws(recording, mark):
+        if flaw.channel is None or flaw.channel in channels:
             raise InputError(
                 f"{where} cannot be used: {flaw.message}; mark a section without it or record "
                 "again",

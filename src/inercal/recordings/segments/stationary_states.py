@@ -1,6 +1,6 @@
 """States of a rate table's recording besides its dwells: rests, and findings on states left out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import pi
@@ -20,6 +20,7 @@ from inercal.recordings.segments.dwells import (
     steady_rate,
     swept_angle,
 )
+from inercal.recordings.segments.plan_check import marks_from_labels
 
 _LEAST_REST = 3.0  # s
 
@@ -69,7 +70,7 @@ def omitted_state_findings(
     """
     used = [(mark.start, mark.stop) for mark in marks]
     used += [(f.start, f.stop) for f in findings if f.start is not None and f.stop is not None]
-    sections = list(_labelled_sections(recording))
+    sections = _labelled_sections(recording)
     known = {name for name, start, stop in sections if any(start <= k < stop for k, _ in used)}
     smooth, steady = steady_rate(recording)
     still = _is_stationary(recording)
@@ -80,7 +81,7 @@ def omitted_state_findings(
             one
             for run in _runs(steady, start, stop)
             if not any(first < run[1] and last > run[0] for first, last in here)
-            and (one := _short_dwell(recording, f"{name} at {_rpm_text(smooth, *run)} rpm", *run))
+            and (one := _short_dwell(recording, name, smooth, *run))
         ]
         rests = _runs(still, start, stop)
         if not any(still[first] for first, _ in here):
@@ -119,7 +120,9 @@ def _omission_text(lost: Sequence[_OmittedState]) -> str:
     return f"{count} ({size} {unit}{kind}; {needed} are needed)"
 
 
-def _short_dwell(recording: Recording, label: str, start: int, stop: int) -> _OmittedState | None:
+def _short_dwell(
+    recording: Recording, name: str, smooth: Array, start: int, stop: int
+) -> _OmittedState | None:
     """Return a steady rate that is no state; None for a short moment."""
     if recording.span(start, stop) < SETTLING_TIME:
         return None
@@ -131,9 +134,9 @@ def _short_dwell(recording: Recording, label: str, start: int, stop: int) -> _Om
         if last - first > 1:
             angle = swept_angle(rate[first:last], recording.time[first:last])
             turns = max(turns, abs(float(angle[-1])) / (2 * pi))
-    return _OmittedState(
-        label, _interruption_text(recording, start, stop), turns, "turns", f"{LEAST_TURNS}"
-    )
+    label = f"{name} at {abs(float(smooth[start:stop].mean())) * 30 / pi:.4g} rpm"
+    why = _interruption_text(recording, start, stop)
+    return _OmittedState(label, why, turns, "turns", f"{LEAST_TURNS}")
 
 
 def _short_rest(
@@ -189,21 +192,12 @@ def _trim_settling(recording: Recording, start: int, stop: int) -> tuple[int, in
     return start + settling, stop - settling
 
 
-def _labelled_sections(recording: Recording) -> Iterator[tuple[str, int, int]]:
-    """Yield the label of each section and its half-open range of samples."""
-    labels = recording.labels
-    if labels is None:
-        return
-    edges = (np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist()
-    for start, stop in pairwise([0, *edges, labels.size]):
-        if name := str(labels[start]).strip():
-            yield name, start, stop
+def _labelled_sections(recording: Recording) -> list[tuple[str, int, int]]:
+    """Return the label of each section and its half-open range of samples."""
+    marks = () if recording.labels is None else marks_from_labels(recording, again=True)
+    return [(mark.label, mark.start, mark.stop) for mark in marks]
 
 
 def _runs(held: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int]]:
     """Return the ranges of samples start to stop along which `held` is true."""
     return [(first, last) for first, last in (true_ranges(held[start:stop]) + start).tolist()]
-
-
-def _rpm_text(smooth: Array, start: int, stop: int) -> str:
-    return f"{abs(float(smooth[start:stop].mean())) * 30 / pi:.4g}"

@@ -10,13 +10,11 @@ from inercal.studies.centrifuge import (
     efficiency,
     equations,
     misalignment,
-    table1,
-    table2,
-    taylor_orders,
+    printed_tables,
 )
-from inercal.studies.centrifuge.centrifuge_trials import ML_TRIAL_RATIO, repeat_experiment
+from inercal.studies.centrifuge.simulated_centrifuge import ML_TRIAL_RATIO, repeat_experiment
 from inercal.studies.section_texts import build_study
-from inercal.studies.study_content import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study
 
 
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
@@ -26,15 +24,15 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     start.
     """
     say("Table 1: screening the printed outputs")
-    first = table1.section()
+    first = printed_tables.outputs_section()
     say(f"repeating the experiment {trials} times")
     repeated = repeat_experiment(trials, seed)
     clean = repeated.noise_free["paper"]
-    second = table2.section(repeated)
+    second = printed_tables.estimates_section(repeated)
     say("Fig. 4: misalignments")
     fourth = misalignment.section(clean)
     say("Taylor orders and equations")
-    orders, printed = taylor_orders.section(), equations.section(repeated)
+    orders, printed = equations.taylor_section(), equations.equations_section(repeated)
     say("bounds and plans")
     bounds = efficiency.section(repeated)
     say("Table 3: lever arms, earth's rate, acceleration")

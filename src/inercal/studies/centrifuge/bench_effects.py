@@ -16,16 +16,17 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
     TRUTH,
     UNITS,
     G,
-    closed_form_estimate,
+    closed_form_errors,
     coefficients_as_printed,
     dwell_force,
+    ml_errors,
     ml_estimate,
     outputs,
     steps,
 )
-from inercal.studies.claim import Claim, format_significant, judge_claim
+from inercal.studies.claim import Claim, format_all, format_significant, judge_claim
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.centrifuge", "bench")
 
@@ -77,18 +78,14 @@ def lever_arm_errors() -> LeverArmErrors:
                 place[i, k] = sign * ARM_LENGTH
                 other = outputs(replace(TRUTH, arms=place), spins)
                 if np.abs(other - outputs(TRUTH, spins)).max() > 1e-9:
-                    found.append(
-                        np.abs(
-                            closed_form_estimate(closed_formulas.paper, other, spins) - TRUTH.values
-                        )
-                    )
+                    found.append(np.abs(closed_form_errors(closed_formulas.paper, other)))
     result = simulated_centrifuge.sensor(*OBSERVED_ARMS)
     estimate = ml(simulated_centrifuge.observations(output, result), result, BENCH, spins)
     index = [estimate.names.index(name) for name in OBSERVED_ARMS]
     nine = [estimate.names.index(name) for name in simulated_centrifuge.sensor().coefficients]
     return LeverArmErrors(
-        closed_form_estimate(closed_formulas.paper, output, spins) - TRUTH.values,
-        coefficients_as_printed(ml_estimate(output, spins).value) - TRUTH.values,
+        closed_form_errors(closed_formulas.paper, output),
+        ml_errors(output),
         np.nanmin(np.stack(found), axis=0),
         len(found),
         estimate.std[index],
@@ -98,8 +95,7 @@ def lever_arm_errors() -> LeverArmErrors:
 
 def earth_rate_errors() -> Array:
     """Return the errors of S, b, D by `ml`, (3, 3), with the earth's rate at 39° ignored."""
-    output = outputs(TRUTH, steps(), dwell_force(steps(), LATITUDE))
-    return coefficients_as_printed(ml_estimate(output, steps()).value) - TRUTH.values
+    return ml_errors(outputs(TRUTH, steps(), dwell_force(steps(), LATITUDE)))
 
 
 def _outputs_with_errors(relative: Array) -> Array:
@@ -112,8 +108,7 @@ def _outputs_with_errors(relative: Array) -> Array:
 
 def common_acceleration_error() -> Array:
     """Return the errors by `ml`, (3, 3), of an acceleration 10⁻⁵ larger than taken, in all rows."""
-    output = _outputs_with_errors(np.full(len(steps()), ACCELERATION_ERROR))
-    return coefficients_as_printed(ml_estimate(output, steps()).value) - TRUTH.values
+    return ml_errors(_outputs_with_errors(np.full(len(steps()), ACCELERATION_ERROR)))
 
 
 def random_acceleration_scatter(trials: int, seed: int) -> Array:
@@ -133,12 +128,8 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
     trials, seed : int
         Of the random errors.
     """
-    lever, turning, shared, own = (
-        lever_arm_errors(),
-        earth_rate_errors(),
-        common_acceleration_error(),
-        random_acceleration_scatter(trials, seed),
-    )
+    lever, turning, shared = lever_arm_errors(), earth_rate_errors(), common_acceleration_error()
+    own = random_acceleration_scatter(trials, seed)
     findings = [
         judge_claim(
             Claim(f"error of {q}_a{axis} by a lever arm of 2 cm", "Table 3", PRINTED_ERRORS[i, k],
@@ -175,7 +166,7 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
         (
             StudyTable("Errors of S (V/g), b (g) and D (1/g)", "",
                   [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES],
-                  [(name, [format_significant(x) for x in value.ravel()])
+                  [(name, format_all(value.ravel()))
                    for name, value in rows.items()]),
         ),
         arrangements=lever.arrangements,

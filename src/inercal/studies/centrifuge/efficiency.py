@@ -5,23 +5,23 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.methods.centrifuge_norm import closed_formulas
-from inercal.methods.centrifuge_norm.arm_plans import RATES
+from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.physics.plan import Spin
-from inercal.studies.centrifuge.centrifuge_trials import ESTIMATORS, CentrifugeTrials
 from inercal.studies.centrifuge.simulated_centrifuge import (
     AXES,
     BENCH,
+    ESTIMATORS,
     QUANTITIES,
     TRUTH,
+    CentrifugeTrials,
     ml_estimate,
     outputs,
     stated_deviations,
     steps,
 )
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import format_all, format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.centrifuge", "efficiency")
 
@@ -64,17 +64,14 @@ def section(trials: CentrifugeTrials) -> StudySection:
     known, round_ = known_attitude_bound(), full_circle_bound()
     once = steps(rates=RATES[:1]) * 3
     twice, thrice = steps(rates=RATES[:2]), steps()
-    ranks = {
-        "half circle, one rate, each dwell three times": (once, *rank_and_condition(once)),
-        "half circle, two rates": (twice, *rank_and_condition(twice)),
-        "half circle, three rates, as printed": (thrice, *rank_and_condition(thrice)),
-        "full circle, three rates": (
-            steps("full-circle"),
-            *rank_and_condition(steps("full-circle")),
-        ),
+    plans = {
+        "half circle, one rate, each dwell three times": once,
+        "half circle, two rates": twice,
+        "half circle, three rates, as printed": thrice,
+        "full circle, three rates": steps("full-circle"),
     }
-    _, of_once, _ = ranks["half circle, one rate, each dwell three times"]
-    _, of_twice, _ = ranks["half circle, two rates"]
+    ranks = {name: (spins, *rank_and_condition(spins)) for name, spins in plans.items()}
+    of_once, of_twice = (rank_and_condition(spins)[0] for spins in (once, twice))
     sets = {
         **{f"{name}, scatter": trials.std(name) for name in ESTIMATORS},
         "bound: norms": trials.bound,
@@ -97,7 +94,7 @@ def section(trials: CentrifugeTrials) -> StudySection:
         findings,
         (
             StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
-                  [(name, [format_significant(x, 3) for x in value.ravel()])
+                  [(name, format_all(value.ravel(), 3))
                    for name, value in sets.items()]),
             StudyTable("What the plans determine of the 13 terms of (13)", "plan",
                   ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),

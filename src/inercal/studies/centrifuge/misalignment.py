@@ -18,10 +18,10 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
     UNITS,
     G,
     SimulatedTriad,
-    closed_form_estimate,
+    closed_form_errors,
     coefficients_as_printed,
+    estimator_errors,
     misaligned_triad,
-    ml_estimate,
     non_orthogonal_triad,
     outputs,
     regress_squared_norms,
@@ -30,7 +30,7 @@ from inercal.studies.centrifuge.simulated_centrifuge import (
 )
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.centrifuge", "misalignment")
 
@@ -56,22 +56,16 @@ def symmetric_ml_errors(device: SimulatedTriad) -> Array:
     return coefficients_as_printed(np.array(nine)) - TRUTH.values
 
 
-def _estimator_errors(device: SimulatedTriad) -> dict[str, Array]:
-    spins = steps()
-    output = outputs(device, spins)
-    return {
-        "paper": closed_form_estimate(closed_formulas.paper, output, spins) - TRUTH.values,
-        "series": closed_form_estimate(closed_formulas.series, output, spins) - TRUTH.values,
-        "ml": coefficients_as_printed(ml_estimate(output, spins).value) - TRUTH.values,
-        "ml, Φ found": symmetric_ml_errors(device),
-    }
+def _device_errors(device: SimulatedTriad) -> dict[str, Array]:
+    found = estimator_errors(outputs(device, steps()))
+    return found | {"ml, Φ found": symmetric_ml_errors(device)}
 
 
 def ignored_misalignment_errors() -> IgnoredMisalignment:
     """Return what misalignments over the range of Fig. 4 do."""
 
     def over(devices: list[SimulatedTriad]) -> dict[str, Array]:
-        found = [_estimator_errors(device) for device in devices]
+        found = [_device_errors(device) for device in devices]
         return {name: np.stack([one[name] for one in found]) for name in found[0]}
 
     gammas = ANGLES.tolist()
@@ -126,7 +120,7 @@ def least_pattern_errors(gamma: float) -> tuple[int, Array]:
         if xy or xz or yz:
             phi = np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
             output = outputs(misaligned_triad(gamma * phi), spins)
-            error = closed_form_estimate(closed_formulas.paper, output, spins) - TRUTH.values
+            error = closed_form_errors(closed_formulas.paper, output)
             found.append(np.nanmax(np.abs(error), axis=-1))
     return len(found), np.min(found, axis=0)
 

@@ -18,8 +18,7 @@ from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Estimate
-from inercal.methods.centrifuge_norm import closed_formulas, ml
-from inercal.methods.centrifuge_norm.arm_plans import RATES, plan
+from inercal.methods.centrifuge_norm import RATES, closed_formulas, ml, plan
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import Readout, Sensor, triad
@@ -183,6 +182,25 @@ def ml_estimate(output: Array, spins: Sequence[Spin], bench: Centrifuge = BENCH)
     return ml(observations(output, result), result, bench, spins)
 
 
+def closed_form_errors(invert: closed_formulas.SeriesInverse, output: Array) -> Array:
+    """Return the errors of `closed_form_estimate` on the printed dwells, (..., 3, 3)."""
+    return closed_form_estimate(invert, output, steps()) - TRUTH.values
+
+
+def ml_errors(output: Array) -> Array:
+    """Return the errors of `ml_estimate` on the printed dwells, (..., 3, 3)."""
+    return coefficients_as_printed(ml_estimate(output, steps()).value) - TRUTH.values
+
+
+def estimator_errors(output: Array) -> dict[str, Array]:
+    """Return the errors of S, b, D by estimator on the printed dwells, (..., 3, 3)."""
+    return {
+        "paper": closed_form_errors(closed_formulas.paper, output),
+        "series": closed_form_errors(closed_formulas.series, output),
+        "ml": ml_errors(output),
+    }
+
+
 def stated_deviations(estimate: Estimate) -> Array:
     """Return the deviations that an estimate states of S, b and D, (3, 3)."""
     spread = 1e-3 * estimate.std[:9]
@@ -208,3 +226,75 @@ def rotated_triad(gamma: float) -> SimulatedTriad:
     angle = gamma * np.sqrt(3)
     k = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]) / np.sqrt(3)
     return replace(TRUTH, axes=np.eye(3) + sin(angle) * k + (1 - cos(angle)) * k @ k)
+
+
+ML_TRIAL_RATIO = 20  # one trial of ml for so many of the closed formulas
+_BATCH = 4000
+ESTIMATORS = ("paper", "series", "ml")
+
+
+@dataclass(frozen=True, eq=False)
+class CentrifugeTrials:
+    """Errors of S, b, D over trials, (n, 3, 3), and without noise, (3, 3), by estimator.
+
+    Parameters
+    ----------
+    error, noise_free : mappings of str to array
+        Trials in which an estimator finds no root are left out of `error`.
+    rootless : float
+        Share of the trials in which `paper` has no root on some axis.
+    bound : (3, 3) array
+        Cramér–Rao bound of norms: the deviations that `ml` states without noise.
+    chi2 : (n,) array
+        Of `ml`, with `dof` degrees of freedom.
+    """
+
+    error: dict[str, Array]
+    noise_free: dict[str, Array]
+    rootless: float
+    bound: Array
+    chi2: Array
+    dof: int
+
+    def std(self, estimator: str) -> Array:
+        """Return the standard deviations of S, b, D, (3, 3)."""
+        return self.error[estimator].std(axis=0)
+
+    def std_error(self, estimator: str) -> Array:
+        """Return the Monte Carlo error of `std`, (3, 3): of a normal law, s/√(2n)."""
+        return self.std(estimator) / np.sqrt(2 * len(self.error[estimator]))
+
+
+def repeat_experiment(trials: int, seed: int) -> CentrifugeTrials:
+    """Return what the estimators make of the paper's design with its stated noise.
+
+    Parameters
+    ----------
+    trials : int
+        Of the closed formulas; `ml` takes one in twenty, at least twenty.
+    seed : int
+    """
+    spins = steps()
+    exact = outputs(TRUTH, spins)
+    noisy = noisy_outputs(exact, trials, seed)
+    paper = _closed_form_estimates(closed_formulas.paper, noisy) - TRUTH.values
+    possible = np.isfinite(paper).all(axis=(1, 2))
+    fitted = ml_estimate(noisy[: max(trials // ML_TRIAL_RATIO, 20)], spins)
+    return CentrifugeTrials(
+        {
+            "paper": paper[possible],
+            "series": _closed_form_estimates(closed_formulas.series, noisy) - TRUTH.values,
+            "ml": coefficients_as_printed(fitted.value) - TRUTH.values,
+        },
+        estimator_errors(exact),
+        1 - float(possible.mean()),
+        stated_deviations(ml_estimate(exact, spins)),
+        fitted.chi2,
+        fitted.dof,
+    )
+
+
+def _closed_form_estimates(invert: closed_formulas.SeriesInverse, noisy: Array) -> Array:
+    """Return S, b, D of the trials, (n, 3, 3), so many at once that memory stays small."""
+    parts = np.array_split(noisy, -(-len(noisy) // _BATCH))
+    return np.concatenate([closed_form_estimate(invert, part, steps()) for part in parts])

@@ -11,14 +11,12 @@ from inercal.basics.parallel import Executor
 from inercal.studies.dual_orthogonal import (
     cardinal_points,
     error_allocation,
-    head_error,
     method_accuracy,
     squared_observation,
     step_angle,
 )
 from inercal.studies.section_texts import build_study
-from inercal.studies.stages import compute_stages
-from inercal.studies.study_content import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study, compute_stages
 
 TRIAL_RATIO = 4  # trials of the table of methods per trial of each further question
 
@@ -28,7 +26,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     fewer = max(trials // TRIAL_RATIO, 20)
     stages = {
         f"the methods, {trials} trials each": method_accuracy.method_accuracy_calls(trials, seed),
-        "heads of several sizes": head_error.head_calls(fewer, seed),
+        "heads of several sizes": method_accuracy.head_calls(fewer, seed),
         "error allocation": error_allocation.allocation_calls(fewer, seed),
         "g² and the four points": [
             partial(squared_observation.section, fewer, seed),
@@ -41,8 +39,8 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     return build_study(
         __name__,
         (
-            method_accuracy.section(compared),
-            head_error.section(head_error.combine_heads(heads)),
+            method_accuracy.accuracy_section(compared),
+            method_accuracy.head_section(method_accuracy.combine_heads(heads)),
             method_accuracy.faces_section(compared),
             step_angle.section(steps),
             error_allocation.section(items),

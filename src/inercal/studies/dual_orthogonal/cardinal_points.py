@@ -6,10 +6,10 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, position_plan, sensed_motion
-from inercal.methods.dual_orthogonal.four_points import four_points
+from inercal.methods.dual_orthogonal.patent_estimator import four_points
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
     MICRO,
@@ -18,9 +18,8 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     nominal_bench,
     simulate,
 )
-from inercal.studies.rms import rms
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "four-points")
 

@@ -12,26 +12,26 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
     AUTOCOLLIMATOR,
+    EVERY_FACE,
     HEAD_ERROR,
     HEAD_ZERO,
     JUDGED_COLUMNS,
+    METHODS,
     MICRO,
     NOISE,
     SIZES,
     SPINDLE_LEAN,
     estimate_errors,
+    method_errors,
     nominal_bench,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
-from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.stages import Call
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "allocation")
 
@@ -66,23 +66,20 @@ class AllocationItem:
     random_coefficients: bool = False
 
 
-def _allocation_items() -> dict[str, AllocationItem]:
-    full = nominal_bench()
-    head = {"harmonics": full.harmonics, "division": full.division}
-    return {
-        "readings": AllocationItem(f"{NOISE / MICRO:g} µg"),
-        _AUTOCOLLIMATOR_ITEM: AllocationItem(
-            f"{AUTOCOLLIMATOR:g}″", {"autocollimator": full.autocollimator}
-        ),
-        "head": AllocationItem(f"{HEAD_ERROR:g}″", head),
-        "zero of the head": AllocationItem(f"{HEAD_ZERO:g}″", {"base": full.base}),
-        "lean of the spindle": AllocationItem(f"{SPINDLE_LEAN:g}″", {"lean": full.lean}),
-        "coefficients": AllocationItem("as drawn", random_coefficients=True),
-        BASE_TILT_ITEM: AllocationItem(f"{BASE_TILT:g}″", {"pier": BASE_TILT * ARCSEC}),
-    }
-
-
-ITEMS = _allocation_items()
+_FULL_BENCH = nominal_bench()
+ITEMS = {
+    "readings": AllocationItem(f"{NOISE / MICRO:g} µg"),
+    _AUTOCOLLIMATOR_ITEM: AllocationItem(
+        f"{AUTOCOLLIMATOR:g}″", {"autocollimator": _FULL_BENCH.autocollimator}
+    ),
+    "head": AllocationItem(
+        f"{HEAD_ERROR:g}″", {"harmonics": _FULL_BENCH.harmonics, "division": _FULL_BENCH.division}
+    ),
+    "zero of the head": AllocationItem(f"{HEAD_ZERO:g}″", {"base": _FULL_BENCH.base}),
+    "lean of the spindle": AllocationItem(f"{SPINDLE_LEAN:g}″", {"lean": _FULL_BENCH.lean}),
+    "coefficients": AllocationItem("as drawn", random_coefficients=True),
+    BASE_TILT_ITEM: AllocationItem(f"{BASE_TILT:g}″", {"pier": BASE_TILT * ARCSEC}),
+}
 
 
 def _error_free_bench(full: DividingHead) -> DividingHead:

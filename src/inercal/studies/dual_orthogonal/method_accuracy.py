@@ -1,4 +1,4 @@
-"""The table of methods: what each knows of each coefficient, and the claim of 1 µg."""
+"""The accuracy by method: what each knows of each coefficient, and what the head's error does."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,22 +6,24 @@ from functools import partial
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.estimation import Estimate
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
+    EVERY_FACE,
+    METHODS,
     DividingHeadCase,
     estimate_errors,
+    method_errors,
     nominal_bench,
+    rms_ratio,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS
-from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.stages import Call
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
-TEXT = read_section_text("inercal.studies.dual_orthogonal", "accuracy")
+ACCURACY_TEXT = read_section_text("inercal.studies.dual_orthogonal", "accuracy")
 FACES_TEXT = read_section_text("inercal.studies.dual_orthogonal", "faces")
 
 JOINT_METHOD = "joint"
@@ -75,7 +77,7 @@ def _normalized_error(found: Estimate, case: DividingHeadCase) -> Rms:
     return Rms(float(each.mean()), float(each.std() / np.sqrt(len(each))))
 
 
-def section(found: MethodAccuracy) -> StudySection:
+def accuracy_section(found: MethodAccuracy) -> StudySection:
     """Return the section of the table of methods."""
     patent, pairs = found.rms["patent, no centrifuge"], found.rms[JOINT_METHOD]
     reasons = {
@@ -92,13 +94,10 @@ def section(found: MethodAccuracy) -> StudySection:
         "Kip": f"from a prior of 20 µg; joint reaches {format_significant(pairs['Kip'].value)} µg",
     }
     findings = [
-        TEXT.judge(name, patent[name].value, patent[name].u, reason)
+        ACCURACY_TEXT.judge(name, patent[name].value, patent[name].u, reason)
         for name, reason in reasons.items()
     ]
-    rows = [
-        (name, [format_significant(x.value, 3) for x in by_column.values()])
-        for name, by_column in found.rms.items()
-    ]
+    rows = [(name, format_all(by_column.values(), 3)) for name, by_column in found.rms.items()]
     largest = max(x.u / x.value for by_column in found.rms.values() for x in by_column.values())
     places = np.arange(float(len(COLUMNS)))
     lines = [
@@ -107,7 +106,7 @@ def section(found: MethodAccuracy) -> StudySection:
              connected=False)
         for k, name in enumerate(_CHARTED_METHODS)
     ]  # fmt: skip
-    return TEXT.section(
+    return ACCURACY_TEXT.section(
         findings,
         (StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),),
         (
@@ -137,4 +136,66 @@ def faces_section(found: MethodAccuracy) -> StudySection:
         ),
         gain=gain,
         near=near,
+    )  # fmt: skip
+
+
+HEAD_TEXT = read_section_text("inercal.studies.dual_orthogonal", "head")
+
+HEAD_ERRORS = (0.5, 1.0, 3.0, 10.0)  # ″ rms
+SHOWN_METHODS = ("single", "dual, Bayes", "patent", "joint", EVERY_FACE)
+_CASES = (*((name, head) for name in SHOWN_METHODS for head in HEAD_ERRORS), ("patent", 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class HeadComparison:
+    """RMS of K0 by method and size of the head, µg, and the patent's of 10″ over a perfect one."""
+
+    k0: dict[str, list[Rms]]
+    perfect_head_ratio: Rms
+    head_change: float  # µg, RMS change of the patent's K0 by the head of 10″
+
+
+def head_calls(trials: int, seed: int) -> list[Call]:
+    """Return the calls, one a method and head, that `combine_heads` needs."""
+    return [partial(_bias_error, name, head, trials, seed) for name, head in _CASES]
+
+
+def combine_heads(found: Sequence[Array]) -> HeadComparison:
+    """Return the errors of K0 by method and size of the head, from the results of the calls."""
+    error = dict(zip(_CASES, found, strict=True))
+    k0 = {name: [rms(error[name, head]) for head in HEAD_ERRORS] for name in SHOWN_METHODS}
+    none, worst = error["patent", 0.0], error["patent", HEAD_ERRORS[-1]]
+    return HeadComparison(k0, rms_ratio(worst, none), rms(worst - none).value)
+
+
+def _bias_error(name: str, head: float, trials: int, seed: int) -> Array:
+    return method_errors(name, trials, seed, head=head)["K0"]
+
+
+def head_section(found: HeadComparison) -> StudySection:
+    """Return the section of the head's error."""
+    alone = found.k0["single"][HEAD_ERRORS.index(3.0)]
+    findings = (
+        HEAD_TEXT.judge("free", found.perfect_head_ratio.value, found.perfect_head_ratio.u,
+            f"it moves the K0 of a trial by {format_significant(found.head_change)} µg"),
+        HEAD_TEXT.judge("alone", alone.value, alone.u,
+            f"a head of 3″; one of 0.5″ makes {format_significant(found.k0['single'][0].value)} "
+            "µg"),
+    )  # fmt: skip
+    sizes = np.array(HEAD_ERRORS)
+    lines = [
+        Curve(name, sizes, np.array([x.value for x in values])) for name, values in found.k0.items()
+    ]
+    return HEAD_TEXT.section(
+        findings,
+        (
+            StudyTable("RMS of K0, µg, by the head's error (rms)", "method",
+                  [f"{head:g}″" for head in HEAD_ERRORS],
+                  [(name, format_all(k0, 3))
+                   for name, k0 in found.k0.items()]),
+        ),
+        (
+            Chart("head", "RMS of K0 by the head's error; the same draws throughout.",
+                  [StudyPanel("", "head's error, ″ rms", "RMS of K0, µg", lines)]),
+        ),
     )  # fmt: skip

@@ -4,8 +4,8 @@ The bench makes the force (`benches.dividing_head.sensed_motion`), the sensor's 
 Every quantity that errs is drawn by its name: benches of other sizes meet the same draws.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from math import pi
 from zlib import crc32
 
@@ -23,10 +23,11 @@ from inercal.benches.dividing_head.bench import (
     sensed_motion,
 )
 from inercal.estimation import Estimate, Gaussian
+from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0
 from inercal.recordings import Observations
-from inercal.studies.rms import Rms
+from inercal.studies.claim import Rms
 
 ARCSEC = pi / 648_000  # rad
 MICRO = 1e-6
@@ -191,3 +192,100 @@ def rms_ratio(error: Array, other: Array) -> Rms:
     value = float(np.sqrt(one.mean() / two.mean()))
     spread = (one / one.mean() - two / two.mean()).std()
     return Rms(value, float(value * spread / 2 / np.sqrt(len(one))))
+
+
+CENTRIFUGE_K3_SD = 0.5 * MICRO  # g, how well a centrifuge knows K3
+SINGLE_TESTS = 5  # single tests behind the Kip of `dual`; the source has several
+
+
+@dataclass(frozen=True)
+class StudiedMethod:
+    """A method of the table.
+
+    Parameters
+    ----------
+    collimated : "pairs", "every" or "none"
+        What the autocollimator reads.
+    estimator : callable
+        Of `methods.dual_orthogonal`.
+    priors : callable
+        Priors in addition to the readings.
+    """
+
+    collimated: CollimationMode
+    estimator: Callable[..., Estimate]
+    priors: Callable[[DividingHeadCase], Sequence[Gaussian]]
+
+    def __call__(self, case: DividingHeadCase) -> Estimate:
+        """Return the estimate."""
+        return self.estimator(case.observations, SENSOR, case.bench, case.steps, self.priors(case))
+
+
+def _no_priors(_: DividingHeadCase) -> Sequence[Gaussian]:
+    return ()
+
+
+def _production_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
+    """Return the priors of Kip and K3 by the typical values of such accelerometers."""
+    return case.production_prior("kip", SIZES["kip"]), case.production_prior("k3", SIZES["k3"])
+
+
+def _centrifuge_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
+    """Return the make's Kip, and K3 of a centrifuge."""
+    return case.production_prior("kip", SIZES["kip"]), case.measured_prior("k3", CENTRIFUGE_K3_SD)
+
+
+def _single_test_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
+    """Return Kip of several single tests of twelve positions, and K3 of a centrifuge."""
+    test = simulate(case.bench, 1, case.seed)
+    once = single(test.observations, SENSOR, test.bench, test.steps).select(["a.kip"]).std
+    sd = float(np.max(once)) / NATURAL_UNITS["kip"] / np.sqrt(SINGLE_TESTS)
+    return case.measured_prior("kip", sd), case.measured_prior("k3", CENTRIFUGE_K3_SD)
+
+
+EVERY_FACE = "joint, every face"
+METHODS = {
+    "single": StudiedMethod("none", single, _no_priors),
+    "dual, Bayes": StudiedMethod("none", dual, _single_test_priors),
+    "patent": StudiedMethod("pairs", patent, _centrifuge_priors),
+    "patent, no centrifuge": StudiedMethod("pairs", patent, _production_priors),
+    "joint": StudiedMethod("pairs", joint, _production_priors),
+    EVERY_FACE: StudiedMethod("every", joint, _production_priors),
+}
+"""By name; the second and the third have K3 of a centrifuge."""
+
+
+def method_errors(
+    name: str,
+    trials: int,
+    seed: int,
+    steps: Sequence[Index] | None = None,
+    *,
+    head: float = HEAD_ERROR,
+    pier: float = 0.0,
+    sizes: dict[str, float] = SIZES,
+    noise: float = NOISE,
+) -> dict[str, Array]:
+    """Return the errors of a method, by `COLUMNS`.
+
+    Parameters
+    ----------
+    name : str
+        Of `METHODS`.
+    trials, seed : int
+    steps : sequence of Index, optional
+        By default twelve positions.
+    head, pier : float
+        Deviations of the head and of the base's tilt, ″.
+    sizes, noise
+        As of `simulate`.
+
+    Raises
+    ------
+    NotObserved
+        Steps that the method cannot do with.
+    """
+    method = METHODS[name]
+    drawn = replace(nominal_bench(head, method.collimated), pier=pier * ARCSEC)
+    case = simulate(drawn, trials, seed, steps, sizes=sizes, noise=noise)
+    return estimate_errors(method(case), case)

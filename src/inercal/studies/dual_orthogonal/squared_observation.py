@@ -12,22 +12,22 @@ from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.physics.sensors import G0
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
+    EVERY_FACE,
     LARGE_SIZES,
     MICRO,
     SENSOR,
     SIZES,
     DividingHeadCase,
+    method_errors,
     nominal_bench,
     rms_ratio,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
-from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "observation")
 
@@ -125,7 +125,7 @@ def section(trials: int, seed: int) -> StudySection:
             StudyTable(
                 "What the linear form adds to each harmonic of z, RMS, µg", "coefficients",
                 HARMONICS,
-                [(words, [format_significant(x.value) for x in form.linear])
+                [(words, format_all(form.linear))
                  for words, form in (("nominal", small), ("large", large))],
             ),
             _size_table(trials, seed),
@@ -145,9 +145,8 @@ def _size_table(trials: int, seed: int) -> StudyTable:
     """Return the table of large coefficients against nominal ones, from the same draws."""
     rows: list[tuple[str, list[str]]] = []
     for method in SHOWN_METHODS:
-        small, large = (
-            method_errors(method, trials, seed, sizes=sizes) for sizes in (SIZES, LARGE_SIZES)
-        )
+        small = method_errors(method, trials, seed, sizes=SIZES)
+        large = method_errors(method, trials, seed, sizes=LARGE_SIZES)
         cells = [
             f"{format_significant(rms(large[name]).value, 3)} "
             f"({rms_ratio(large[name], small[name]).value:.3f})"

@@ -13,14 +13,17 @@ from inercal.basics.errors import NotObserved
 from inercal.benches.dividing_head.bench import Index, position_plan
 from inercal.benches.dividing_head.passes import matches_any_angle
 from inercal.methods.dual_orthogonal import g_squared
-from inercal.studies.claim import format_significant
-from inercal.studies.dual_orthogonal.simulated_head import JUDGED_COLUMNS, NOISE, rms_ratio
+from inercal.studies.claim import Rms, format_significant, rms
+from inercal.studies.dual_orthogonal.simulated_head import (
+    EVERY_FACE,
+    JUDGED_COLUMNS,
+    NOISE,
+    method_errors,
+    rms_ratio,
+)
 from inercal.studies.dual_orthogonal.squared_observation import matrix_rank
-from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
-from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.stages import Call
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "step")
 

@@ -21,7 +21,7 @@ from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import build_study, read_section_text
-from inercal.studies.study_content import MessageCallback, Study, StudySection, StudyTable
+from inercal.studies.study import MessageCallback, Study, StudySection, StudyTable
 
 TEXT = read_section_text(__name__, "agreement")
 LABORATORIES = (

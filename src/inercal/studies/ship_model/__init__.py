@@ -9,15 +9,9 @@ from itertools import islice
 
 from inercal.basics.parallel import Executor, in_order
 from inercal.studies.section_texts import build_study
-from inercal.studies.ship_model import (
-    equation_rank,
-    estimators,
-    optimiser,
-    planar,
-    wave_check,
-)
+from inercal.studies.ship_model import equation_rank, estimators, optimiser, planar, wave_check
 from inercal.studies.ship_model.simulated_rate_table import simulate
-from inercal.studies.study_content import MessageCallback, Study
+from inercal.studies.study import MessageCallback, Study
 
 TRIALS_PER_DEVICE = 4  # of the tables
 TRIALS_PER_SEARCH = 500

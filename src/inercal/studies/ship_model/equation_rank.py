@@ -24,7 +24,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     median_ratio,
     nominal_force,
 )
-from inercal.studies.study_content import StudySection, StudyTable
+from inercal.studies.study import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "rank")
 DAMPING_TEXT = read_section_text("inercal.studies.ship_model", "damping")

@@ -10,7 +10,7 @@ from inercal.basics.arrays import Array
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.methods.ship_multi_angle.norm_equations import norm_jacobian, norm_residuals
 from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
-from inercal.studies.claim import format_significant
+from inercal.studies.claim import format_all, format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.ship_model.simulated_rate_table import (
     MILLI,
@@ -20,11 +20,9 @@ from inercal.studies.ship_model.simulated_rate_table import (
     median_estimate,
     model_from_estimate,
     norm_rms,
-    simulate,
     vector_rms,
 )
-from inercal.studies.stages import Call
-from inercal.studies.study_content import StudySection, StudyTable
+from inercal.studies.study import Call, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "estimators")
 
@@ -60,12 +58,6 @@ class EstimatorComparison:
     def norms(self, name: str) -> Array:
         """Return the rms error of the groups' norms, (trials,) g."""
         return norm_rms(self.models[name], self.case)
-
-
-def compare_estimators(trials: int, seed: int) -> EstimatorComparison:
-    """Return the estimates of so many devices."""
-    case = simulate(trials, seed)
-    return combine_estimators(case, seed, [call() for call in estimator_calls(case)])
 
 
 def estimator_calls(case: ShipModelCase) -> list[Call]:
@@ -120,16 +112,11 @@ def section(found: EstimatorComparison, searched: MedianEstimate, devices: int) 
         vector = median_estimate(found.vector_errors(name) / MILLI)
         # Undamped, no two machines have the same figures.
         digits = 1 if name == UNDAMPED else 3
-        norm = format_significant(median_estimate(found.norms(name) / MILLI).value, digits)
-        cells = [
-            norm,
-            *(format_significant(x, digits) for x in (vector.value, vector.percentile_95)),
-        ]
+        norm = median_estimate(found.norms(name) / MILLI)
+        cells = format_all((norm.value, vector.value, vector.percentile_95), digits)
         table.append((f"{name}: {words}", cells))
-    of_search = format_significant(searched.value), format_significant(searched.percentile_95)
-    table.append(
-        (f"global: the same norms, {devices} devices and the largest", ["as damped", *of_search])
-    )
+    of_search = ["as damped", *format_all((searched.value, searched.percentile_95))]
+    table.append((f"global: the same norms, {devices} devices and the largest", of_search))
     best, plain = (
         median_estimate(found.vector_errors(name) / MILLI) for name in ("joint", "planar")
     )

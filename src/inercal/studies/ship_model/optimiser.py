@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.methods.ship_multi_angle.global_search import (
+from inercal.methods.ship_multi_angle.norm_equations import (
     GOAL,
     Bounds,
     SearchOptions,
     SearchResult,
+    damped_solution,
     search,
 )
-from inercal.methods.ship_multi_angle.norm_equations import damped_solution
 from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
@@ -28,8 +28,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     rms_length,
     vector_rms,
 )
-from inercal.studies.stages import Call
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "optimiser")
 

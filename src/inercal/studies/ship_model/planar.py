@@ -23,7 +23,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     rms_length,
     simulate,
 )
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection
 
 TEXT = read_section_text("inercal.studies.ship_model", "planar")
 

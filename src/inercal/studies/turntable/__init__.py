@@ -7,8 +7,8 @@ section of the page; the text and the claims of a section are in the TOML file o
 
 from inercal.basics.parallel import Executor
 from inercal.studies.section_texts import build_study
-from inercal.studies.study_content import MessageCallback, Study
-from inercal.studies.turntable import duration, failures, printed_accuracy, state_models
+from inercal.studies.study import MessageCallback, Study
+from inercal.studies.turntable import printed_accuracy, state_models
 from inercal.studies.turntable import turntable_trials as of_devices
 
 TRIALS_PER_DEVICE = 250  # a device is half an hour of samples
@@ -22,10 +22,10 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     return build_study(
         __name__,
         (
-            printed_accuracy.section(found),
-            duration.section(found),
-            state_models.section(found),
-            failures.section(found),
+            printed_accuracy.accuracy_section(found),
+            printed_accuracy.time_section(found),
+            state_models.states_section(found),
+            state_models.failures_section(found),
         ),
         devices=devices,
         seed=seed,

@@ -1,30 +1,29 @@
-"""The printed accuracy: that of 15 and 18 states, and the noise that the gyros' bias requires."""
+"""The printed accuracy, and half an hour instead of three: what the filters and the paths reach."""
 
 from math import sqrt
 
 import numpy as np
 
+from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
+from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.physics.sensors import G0
-from inercal.studies.claim import ClaimResult, format_significant
-from inercal.studies.rms import Rms
+from inercal.studies.claim import ClaimResult, Rms, format_all, format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection
-from inercal.studies.turntable.filter_score import (
-    COEFFICIENT_KINDS,
-    FilterScore,
-    coefficient_indices,
-    score_filter,
-)
-from inercal.studies.turntable.simulated_turntable import ARW, MICRO_G, PPM
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.turntable.simulated_turntable import ARW, MICRO_G, PPM, TABLE
 from inercal.studies.turntable.turntable_trials import (
+    COEFFICIENT_KINDS,
     DISCRETE_PROCEDURE,
     REST_ALONE,
+    FilterScore,
     TurntableTrials,
+    coefficient_indices,
+    score_filter,
     share_within_bound,
 )
 
-TEXT = read_section_text("inercal.studies.turntable", "accuracy")
-BIAS_BOUND = TEXT.claims["gyro_bias"].expected  # °/min
+ACCURACY_TEXT = read_section_text("inercal.studies.turntable", "accuracy")
+BIAS_BOUND = ACCURACY_TEXT.claims["gyro_bias"].expected  # °/min
 REST_SECONDS = 72.0  # of the rest
 OWN_PATH, WHOLE_RECORDING = "15 states, own path", "19 states, whole recording"
 FULL_STATES, EIGHTEEN_STATES = "full, whole recording", "18 states"
@@ -46,9 +45,9 @@ def required_random_walk(seconds: float, bound: float = BIAS_BOUND) -> float:
     return bound * 60 * sqrt(seconds / 3600)
 
 
-def section(found: TurntableTrials) -> StudySection:
+def accuracy_section(found: TurntableTrials) -> StudySection:
     """Return the section of the printed accuracy."""
-    return TEXT.section(
+    return ACCURACY_TEXT.section(
         (*_gyro_findings(found), *_accelerometer_findings(found)),
         (),
         (_chart(found),),
@@ -77,15 +76,16 @@ def _gyro_findings(found: TurntableTrials) -> list[ClaimResult]:
         + "″ RMS of all six",
     }
     return [
-        TEXT.judge("gyro_bias", *own["bias"], reasons["bias"]),
-        TEXT.judge("at_rest", *rest,
+        ACCURACY_TEXT.judge("gyro_bias", *own["bias"], reasons["bias"]),
+        ACCURACY_TEXT.judge("at_rest", *rest,
             f"RMS of one axis; its white noise alone makes {alone} °/min, and "
             f"{format_significant(required_random_walk(REST_SECONDS))} °/√h would do"),
-        TEXT.judge("better", *whole["bias"],
+        ACCURACY_TEXT.judge("better", *whole["bias"],
             f"{share[WHOLE_RECORDING]} of the devices reach it on all three axes, with an RMS of "
             f"one axis of {format_significant(result[WHOLE_RECORDING].bias.value)} °/min"),
         *(
-            TEXT.judge(f"gyro_{kind}", *_in_printed_unit(own[kind], "g", kind), reasons[kind])
+            ACCURACY_TEXT.judge(f"gyro_{kind}", *_in_printed_unit(own[kind], "g", kind),
+                reasons[kind])
             for kind in COEFFICIENT_KINDS if kind != "bias"
         ),
     ]  # fmt: skip
@@ -99,7 +99,7 @@ def _accelerometer_findings(found: TurntableTrials) -> list[ClaimResult]:
         "misalignment": f"{format_significant(result.misalignment.value)}″ RMS of all six",
     }
     return [
-        TEXT.judge(
+        ACCURACY_TEXT.judge(
             f"accelerometer_{kind}",
             *_in_printed_unit(result.largest_axis[kind], "a", kind),
             words[kind],
@@ -117,12 +117,6 @@ def _in_printed_unit(one: Rms, of: str, kind: str) -> Rms:
     """Return a figure in the printed unit."""
     size = _PRINTED_UNITS[of][kind]
     return Rms(one.value * size, one.u * size)
-
-
-def _errors_over_bounds(one: FilterScore, of: str) -> list[float]:
-    bounds = [TEXT.claims[f"{_SENSOR_NAMES[of]}_{kind}"].expected for kind in COEFFICIENT_KINDS]
-    found = [_in_printed_unit(one.largest_axis[kind], of, kind).value for kind in COEFFICIENT_KINDS]
-    return [value / bound for value, bound in zip(found, bounds, strict=True)]
 
 
 def _chart(found: TurntableTrials) -> Chart:
@@ -151,5 +145,77 @@ def _chart(found: TurntableTrials) -> Chart:
 
 def _filter_marks(one: FilterScore, of: str, name: str, aside: float) -> Curve:
     """Return the marks of one filter, a little aside: some agree."""
-    return Curve(name, np.arange(float(len(COEFFICIENT_KINDS))) + aside,
-                 np.array(_errors_over_bounds(one, of)), connected=False)  # fmt: skip
+    over_bound = [
+        _in_printed_unit(one.largest_axis[kind], of, kind).value
+        / ACCURACY_TEXT.claims[f"{_SENSOR_NAMES[of]}_{kind}"].expected
+        for kind in COEFFICIENT_KINDS
+    ]
+    places = np.arange(float(len(over_bound))) + aside
+    return Curve(name, places, np.array(over_bound), connected=False)
+
+
+TIME_TEXT = read_section_text("inercal.studies.turntable", "time")
+_PATHS = {"paper": paper_path, "fast": fast_path, "discrete": discrete_path}
+
+
+def path_minutes() -> dict[str, float]:
+    """Return the duration of each path with all its moves, min."""
+    return {name: turntable_path_duration(TABLE, path()) / 60 for name, path in _PATHS.items()}
+
+
+def rms_ratio(one: Rms, other: Rms) -> Rms:
+    """Return the ratio of independent figures."""
+    value = one.value / other.value
+    return Rms(value, value * ((one.u / one.value) ** 2 + (other.u / other.value) ** 2) ** 0.5)
+
+
+def time_section(found: TurntableTrials) -> StudySection:
+    """Return the section of the time."""
+    minutes = path_minutes()
+    gyros = {
+        name: score_filter(found.gyros[name], "g")
+        for name in (OWN_PATH, FULL_STATES, DISCRETE_PROCEDURE)
+    }
+    held = {
+        name: score_filter(found.accelerometers[name], "a")
+        for name in (EIGHTEEN_STATES, "full", DISCRETE_PROCEDURE)
+    }
+    angles = {
+        of: ", ".join(
+            f"{format_significant(x.misalignment.value)}″ by {name}" for name, x in some.items()
+        )
+        for of, some in (("g", gyros), ("a", held))
+    }
+    findings = (
+        TIME_TEXT.judge("short", minutes["paper"], 0.0,
+            "2 min of warm-up, ten positions of 90 s, three turns, 72 s of rest and all moves at "
+            "30 °/s and 30 °/s²"),
+        TIME_TEXT.judge("long", minutes["discrete"], 0.0,
+            "six positions of 90 s and ±1080° at 30 °/s about the vertical in each, on the same "
+            "table; by hand and without a plan it may well take three hours"),
+        TIME_TEXT.judge("gyro_as_good",
+            *rms_ratio(gyros[OWN_PATH].misalignment, gyros[DISCRETE_PROCEDURE].misalignment),
+            f"{angles['g']}: at 30 °/s scale and misalignment are known better than at 10 °/s"),
+        TIME_TEXT.judge("accelerometer_as_good",
+            *rms_ratio(held[EIGHTEEN_STATES].misalignment, held[DISCRETE_PROCEDURE].misalignment),
+            angles["a"]),
+    )  # fmt: skip
+    return TIME_TEXT.section(findings, (_time_table(minutes, gyros, held),))
+
+
+def _time_table(
+    minutes: dict[str, float], gyros: dict[str, FilterScore], held: dict[str, FilterScore]
+) -> StudyTable:
+    ways = (
+        ("source's path, 15 and 18 states", "paper", OWN_PATH, EIGHTEEN_STATES),
+        ("source's path, full, whole recording", "paper", FULL_STATES, "full"),
+        ("six positions and steady rates", "discrete", DISCRETE_PROCEDURE, DISCRETE_PROCEDURE),
+    )
+    rows = [
+        (words, format_all((minutes[path], *gyros[one][:3], *held[other][:3])))
+        for words, path, one, other in ways
+    ]
+    heads = ("min", "bias,\n°/min", "scale,\nppm", "angles,\n″", "bias,\nµg", "scale,\nppm",
+             "angles,\n″")  # fmt: skip
+    return StudyTable("Time, and RMS of the gyros' and of the accelerometers' errors", "way", heads,
+                 rows)  # fmt: skip

@@ -1,29 +1,38 @@
-"""The source's 15 and 18 states beside those with drift, delay and the table's errors."""
+"""The states: the source's 15 and 18 beside fuller ones, and where the method fails."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.studies.claim import ClaimResult, format_significant
+from inercal.studies.claim import ClaimResult, format_all, format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
-from inercal.studies.turntable.filter_score import (
+from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.turntable.printed_accuracy import EIGHTEEN_STATES, FULL_STATES, OWN_PATH
+from inercal.studies.turntable.simulated_turntable import LATENCY
+from inercal.studies.turntable.turntable_trials import (
+    ACCELEROMETER_RUNS,
     COEFFICIENT_KINDS,
+    DELAYED_15_STATES,
+    DELAYED_19_STATES,
+    DISCRETE_PROCEDURE,
+    G_SENSITIVE_FULL,
+    G_SENSITIVE_MODELLED,
+    G_SENSITIVE_OWN_PATH,
+    GYRO_RUNS,
+    OPEN_LOOP,
+    REST_ALONE,
+    TURNS_BOTH_WAYS,
     CoefficientKind,
+    FilterErrors,
+    FilterScore,
+    TurntableTrials,
     coefficient_indices,
     nees,
     printed_unit_size,
     score_filter,
 )
-from inercal.studies.turntable.printed_accuracy import EIGHTEEN_STATES, FULL_STATES, OWN_PATH
-from inercal.studies.turntable.studied_filters import ACCELEROMETER_RUNS, GYRO_RUNS, FilterErrors
-from inercal.studies.turntable.turntable_trials import (
-    DISCRETE_PROCEDURE,
-    TURNS_BOTH_WAYS,
-    TurntableTrials,
-)
 
-TEXT = read_section_text("inercal.studies.turntable", "states")
+STATES_TEXT = read_section_text("inercal.studies.turntable", "states")
 _UNITS = {
     "g": {"bias": "°/min", "scale": "ppm", "misalignment": "″"},
     "a": {"bias": "µg", "scale": "ppm", "misalignment": "″"},
@@ -31,7 +40,7 @@ _UNITS = {
 _HEADS = ("bias", "scale, ppm", "misalignment, ″", "NEES", "its error")
 
 
-def section(found: TurntableTrials) -> StudySection:
+def states_section(found: TurntableTrials) -> StudySection:
     """Return the section of the states."""
     findings: list[ClaimResult] = []
     for of, runs, name, better in (
@@ -40,45 +49,37 @@ def section(found: TurntableTrials) -> StudySection:
     ):
         one, other = nees(runs[name]), nees(runs[better])
         findings.append(
-            TEXT.judge(f"know_{of}", *one,
+            STATES_TEXT.judge(f"know_{of}", *one,
                 f"squared errors over stated variances, 1 where these are right; with the "
                 f"table's errors as states it is {format_significant(other.value)} ± "
                 f"{format_significant(other.u, 1)}")
         )  # fmt: skip
     gyros = (*GYRO_RUNS, TURNS_BOTH_WAYS, DISCRETE_PROCEDURE)
     held = (*ACCELEROMETER_RUNS, DISCRETE_PROCEDURE)
-    return TEXT.section(
+    return STATES_TEXT.section(
         findings,
         (
-            _table("Gyros: RMS of the errors, bias in °/min", gyros, found.gyros, "g"),
-            _table("Accelerometers: RMS of the errors, bias in µg", held, found.accelerometers,
-                   "a"),
+            _states_table("Gyros: RMS of the errors, bias in °/min", gyros, found.gyros, "g"),
+            _states_table("Accelerometers: RMS of the errors, bias in µg", held,
+                          found.accelerometers, "a"),
         ),
-        (_chart(found, "g", (OWN_PATH, FULL_STATES)),
-         _chart(found, "a", (EIGHTEEN_STATES, "full"))),
+        (_states_chart(found, "g", (OWN_PATH, FULL_STATES)),
+         _states_chart(found, "a", (EIGHTEEN_STATES, "full"))),
     )  # fmt: skip
 
 
-def _table(
+def _states_table(
     title: str, names: Sequence[str], runs: dict[str, list[FilterErrors]], of: str
 ) -> StudyTable:
-    rows: list[tuple[str, list[str]]] = []
-    for name in names:
-        one = score_filter(runs[name], of)
-        figures = (one.bias, one.scale, one.misalignment, one.nees)
-        rows.append(
-            (
-                name,
-                [
-                    *(format_significant(x.value) for x in figures),
-                    format_significant(one.nees.u, 1),
-                ],
-            )
-        )
+    scores = {name: score_filter(runs[name], of) for name in names}
+    rows = [
+        (name, [*format_all(one[:4]), format_significant(one.nees.u, 1)])
+        for name, one in scores.items()
+    ]
     return StudyTable(title, "filter", _HEADS, rows)
 
 
-def _chart(found: TurntableTrials, of: str, names: tuple[str, str]) -> Chart:
+def _states_chart(found: TurntableTrials, of: str, names: tuple[str, str]) -> Chart:
     runs = found.gyros if of == "g" else found.accelerometers
     panels: list[StudyPanel] = []
     for kind in COEFFICIENT_KINDS:
@@ -109,3 +110,54 @@ def _convergence_curves(
     )
     time = traces[0].time / 60
     return [Curve(name, time, error), Curve(f"{name}, stated", time, stated)]
+
+
+FAILURES_TEXT = read_section_text("inercal.studies.turntable", "failures")
+NINETEEN_STATES = "19 states, own path"
+_FAILURE_ROWS = (
+    OWN_PATH,
+    OPEN_LOOP,
+    G_SENSITIVE_OWN_PATH,
+    G_SENSITIVE_FULL,
+    G_SENSITIVE_MODELLED,
+    DELAYED_15_STATES,
+    DELAYED_19_STATES,
+)
+
+
+def failures_section(found: TurntableTrials) -> StudySection:
+    """Return the section of the failures."""
+    result = {name: score_filter(runs, "g") for name, runs in found.gyros.items()}
+    lost, own, sensed = result[OPEN_LOOP], result[OWN_PATH], result[G_SENSITIVE_OWN_PATH]
+    findings = (
+        FAILURES_TEXT.judge("fed_back", *lost.largest_axis["misalignment"],
+            f"a raw bias of 0.3 °/s turns the attitude away until first-order equations hold no "
+            f"more; fed back it is {format_significant(own.largest_axis['misalignment'].value)}″"),
+        FAILURES_TEXT.judge("ends", float(max(found.decided_at_ends)), 0.0,
+            "after whole turns all that misalignments did has gone again: all six are lost, and "
+            "continuous attitudes it must be"),
+        FAILURES_TEXT.judge("enough", *sensed.largest_axis["misalignment"],
+            f"bias {format_significant(sensed.bias.value)} °/min and NEES "
+            f"{format_significant(sensed.nees.value)} besides; with nine more states and the whole "
+            "recording "
+            f"{format_significant(result[G_SENSITIVE_MODELLED].largest_axis['misalignment'].value)}″"),
+        FAILURES_TEXT.judge("on_time", *result[DELAYED_15_STATES].largest_axis["misalignment"],
+            f"NEES {format_significant(result[DELAYED_15_STATES].nees.value)}; with the delay as a "
+            "state "
+            f"{format_significant(result[DELAYED_19_STATES].largest_axis['misalignment'].value)}″"),
+    )  # fmt: skip
+    return FAILURES_TEXT.section(
+        findings,
+        (_failures_table(result),),
+        latency_ms=LATENCY / 1e-3,
+        rest=format_significant(result[REST_ALONE].bias.value),
+        alone=format_significant(result[NINETEEN_STATES].bias.value),
+        both=format_significant(result[TURNS_BOTH_WAYS].bias.value),
+        whole=format_significant(result[FULL_STATES].bias.value),
+    )
+
+
+def _failures_table(made: dict[str, FilterScore]) -> StudyTable:
+    rows = [(name, format_all(made[name][:4])) for name in _FAILURE_ROWS]
+    return StudyTable("Gyros: RMS of the errors where something is left out", "filter",
+                 ("bias, °/min", "scale, ppm", "misalignment, ″", "NEES"), rows)  # fmt: skip

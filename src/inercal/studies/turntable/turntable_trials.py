@@ -1,33 +1,160 @@
-"""The results of all filters on all devices, by the name of the run."""
+"""The compared filters, their results on all devices by the name of the run, and their scores."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName
 from inercal.basics.parallel import Executor, SerialExecutor, in_order
 from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
+from inercal.estimation import FilterHistory
 from inercal.methods.turntable import model
-from inercal.studies.study_content import MessageCallback
+from inercal.methods.turntable_discrete import least_squares
+from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
+from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS
+from inercal.methods.turntable_kalman.gyros import GyroFilter
+from inercal.physics.sensors import Sensor
+from inercal.studies.claim import Rms, rms
+from inercal.studies.study import MessageCallback
 from inercal.studies.turntable.simulated_turntable import (
+    ARCSEC,
+    ASSUMED_TABLE,
     DEG_MIN,
     LARGE_LATENCY,
+    MICRO_G,
+    PPM,
+    SENSOR,
     TABLE,
     TurntableCase,
     simulate,
+    step_means,
     tactical_imu,
 )
-from inercal.studies.turntable.studied_filters import (
-    ACCELEROMETER_RUNS,
-    FIRST_TURN,
-    GYRO_RUNS,
-    FilterErrors,
-    build_gyro_filter,
-    discrete_estimates,
-    gyro_run,
-    open_loop_estimate,
-    run_gyro_filter,
-)
+
+DISCRETE_STEPS = discrete_path()[1:]  # without the warm-up
+FIRST_TURN = "x+"  # the step that the gyros' own part begins with
+
+
+TRACE_STRIDE = 50  # of so many epochs of a course one is kept: every 5 s
+
+
+class ErrorTrace(NamedTuple):
+    """Errors and stated standard deviations on the way, (e, 12) each, at times (e,) s."""
+
+    time: Array
+    error: Array
+    std: Array
+
+
+class FilterErrors(NamedTuple):
+    """The result of one filter on one device: errors (12,), their stated covariance, the course."""
+
+    error: Array
+    covariance: Array
+    trace: ErrorTrace | None = None
+
+
+FilterRun = Callable[[TurntableCase], FilterErrors]
+
+
+def build_gyro_filter(case: TurntableCase, way: str, sensor: Sensor = SENSOR) -> GyroFilter:
+    """Return the gyros' filter of a way."""
+    one = FILTER_CONFIGS[way]
+    return GyroFilter.from_track(
+        sensor,
+        ASSUMED_TABLE,
+        case.track,
+        bias_drift=one.bias_drift,
+        table=one.table_states,
+        readback_sd=one.readback_sd(ASSUMED_TABLE)[0],
+    )
+
+
+def gyro_run(way: str, start: str = "", sensor: Sensor = SENSOR) -> FilterRun:
+    """Return a run of the gyros' filter from a step to the end, or over the full recording."""
+
+    def run(case: TurntableCase) -> FilterErrors:
+        return run_gyro_filter(
+            build_gyro_filter(case, way, sensor), case, case.first(start) if start else 0
+        )
+
+    return run
+
+
+def run_gyro_filter(filter_: GyroFilter, case: TurntableCase, first: int = 0) -> FilterErrors:
+    """Return the result of a filter from a given sample to the end."""
+    piece = case.track.slice(first, case.track.time.size)
+    state, course = filter_.step(filter_.start(piece), piece)
+    names, known = filter_.triad.sensor.coefficients, SENSOR.select_axes("w").coefficients
+    at = np.array([names.index(name) for name in known])
+    # Open loop leaves in the states what closed loop has fed back.
+    value = (state.theta + state.x[3 : 3 + len(names)])[at]
+    trace = _error_trace(course, at, case.of("g"))
+    return FilterErrors(value - case.of("g"), state.p[3:, 3:][np.ix_(at, at)], trace)
+
+
+def _error_trace(course: FilterHistory, at: NDArray[np.int64], truth: Array) -> ErrorTrace:
+    kept = slice(None, None, TRACE_STRIDE)
+    return ErrorTrace(
+        course.shown_time[kept], course.value[kept][:, at] - truth, course.std[kept][:, at]
+    )
+
+
+def accelerometer_run(way: str) -> FilterRun:
+    """Return a run of the accelerometers' filter."""
+    one = FILTER_CONFIGS[way]
+
+    def run(case: TurntableCase) -> FilterErrors:
+        filter_ = AccelerometerFilter.from_track(
+            SENSOR, ASSUMED_TABLE, case.track,
+            bias_drift=one.bias_drift, table=one.table_states,
+            readback_sd=one.readback_sd(ASSUMED_TABLE)[1], velocity_sd=one.velocity_sd,
+        )  # fmt: skip
+        state, course = filter_.step(filter_.start(case.track), case.track)
+        trace = _error_trace(course, np.arange(state.theta.size), case.of("a"))
+        return FilterErrors(state.theta - case.of("a"), state.p[6:18, 6:18], trace)
+
+    return run
+
+
+def discrete_estimates(case: TurntableCase) -> dict[str, FilterErrors]:
+    """Return gyros ("g") and accelerometers ("a") by the discrete procedure."""
+    estimate = least_squares(
+        step_means(case, DISCRETE_STEPS), SENSOR, ASSUMED_TABLE, DISCRETE_STEPS
+    )
+    names = np.array([name[0] for name in SENSOR.coefficients])
+    off = estimate.value[: names.size] - case.truth
+    covariance = estimate.stated_covariance
+    found: dict[str, FilterErrors] = {}
+    for kind in "ga":
+        at = np.flatnonzero(names == kind)
+        found[kind] = FilterErrors(off[at], covariance[np.ix_(at, at)])
+    return found
+
+
+def open_loop_estimate(case: TurntableCase) -> FilterErrors:
+    """Return the gyros' filter from raw biases, nothing of what it finds fed back."""
+    filter_ = build_gyro_filter(case, "paper")
+    raw = replace(filter_, initial_values=np.zeros(12), feedback=False)
+    return run_gyro_filter(raw, case, case.first(FIRST_TURN))
+
+
+GYRO_RUNS: Mapping[str, FilterRun] = {
+    "15 states, own path": gyro_run("paper", FIRST_TURN),
+    "19 states, own path": gyro_run("drift", FIRST_TURN),
+    "19 states, whole recording": gyro_run("drift"),
+    "full, whole recording": gyro_run("full"),
+}
+ACCELEROMETER_RUNS: Mapping[str, FilterRun] = {
+    "18 states": accelerometer_run("paper"),
+    "25 states": accelerometer_run("drift"),
+    "full": accelerometer_run("full"),
+}
+
 
 DELAYED_TABLE = replace(TABLE, latency=replace(TABLE.latency, value=LARGE_LATENCY))
 DISCRETE_PROCEDURE = "discrete, 19 min"
@@ -86,13 +213,7 @@ def run_filters(
 
 def _run_device(seed: int) -> TurntableTrials:
     """Return the results of all filters on one device."""
-    result = TurntableTrials()
-    for part in (_run_paper_path, _run_fast_path, _run_late_path, _run_discrete_path):
-        part(seed, result)
-    return result
-
-
-def _run_paper_path(seed: int, made: TurntableTrials) -> None:
+    made = TurntableTrials()
     case = simulate(paper_path(), seed)
     for name, of_gyros in GYRO_RUNS.items():
         made.add("g", name, of_gyros(case))
@@ -105,22 +226,14 @@ def _run_paper_path(seed: int, made: TurntableTrials) -> None:
     made.add("g", G_SENSITIVE_OWN_PATH, gyro_run("paper", FIRST_TURN)(sensed))
     made.add("g", G_SENSITIVE_FULL, gyro_run("full")(sensed))
     made.add("g", G_SENSITIVE_MODELLED, gyro_run("full", sensor=_G_SENSITIVE_IMU)(sensed))
-
-
-def _run_fast_path(seed: int, made: TurntableTrials) -> None:
-    case = simulate(fast_path(), seed)
-    made.add("g", TURNS_BOTH_WAYS, gyro_run("full", FIRST_TURN)(case))
-
-
-def _run_late_path(seed: int, made: TurntableTrials) -> None:
-    case = simulate(paper_path(), seed, DELAYED_TABLE)
-    made.add("g", DELAYED_15_STATES, gyro_run("paper", FIRST_TURN)(case))
-    made.add("g", DELAYED_19_STATES, gyro_run("drift", FIRST_TURN)(case))
-
-
-def _run_discrete_path(seed: int, made: TurntableTrials) -> None:
+    fast = simulate(fast_path(), seed)
+    made.add("g", TURNS_BOTH_WAYS, gyro_run("full", FIRST_TURN)(fast))
+    late = simulate(paper_path(), seed, DELAYED_TABLE)
+    made.add("g", DELAYED_15_STATES, gyro_run("paper", FIRST_TURN)(late))
+    made.add("g", DELAYED_19_STATES, gyro_run("drift", FIRST_TURN)(late))
     for kind, found in discrete_estimates(simulate(discrete_path(), seed)).items():
         made.add(kind, DISCRETE_PROCEDURE, found)
+    return made
 
 
 def coefficients_decided_at_ends(case: TurntableCase) -> int:
@@ -136,3 +249,63 @@ def share_within_bound(found: Sequence[FilterErrors], biases: Sequence[int], bou
     """Return the share of devices with all biases within a bound, °/min."""
     worst = np.array([np.abs(one.error[list(biases)]).max() for one in found]) / DEG_MIN
     return float(np.mean(worst <= bound))
+
+
+CoefficientKind = Literal["bias", "scale", "misalignment"]
+COEFFICIENT_KINDS: dict[CoefficientKind, tuple[str, ...]] = {
+    "bias": ("bias", "k0"),
+    "scale": ("scale", "k1"),
+    "misalignment": ("delta_o", "delta_p"),
+}
+_GYROS = SENSOR.select_axes("w").coefficients
+
+
+class FilterScore(NamedTuple):
+    """Of many devices with one filter, bias °/min or µg, scale ppm, misalignment ″.
+
+    `worst` has the same with only the largest error of each device: what a bound is about.
+    """
+
+    bias: Rms
+    scale: Rms
+    misalignment: Rms
+    nees: Rms  # a coefficient
+    largest_axis: dict[CoefficientKind, Rms]
+
+
+def errors_of_kind(found: Sequence[FilterErrors], kind: CoefficientKind, of: str) -> Array:
+    """Return the errors of one kind of the gyros ("g") or accelerometers ("a"), (devices, k)."""
+    off = np.array([one.error for one in found])
+    return off[:, coefficient_indices(kind)] / printed_unit_size(kind, of)
+
+
+def coefficient_indices(kind: CoefficientKind) -> list[int]:
+    """Return the indices of the coefficients of a kind; both triads have the same order."""
+    return [
+        k for k, name in enumerate(_GYROS) if CoefficientName(name).term in COEFFICIENT_KINDS[kind]
+    ]
+
+
+def printed_unit_size(kind: CoefficientKind, of: str) -> float:
+    """Return °/min or µg, ppm, ″ in SI."""
+    return {"bias": DEG_MIN if of == "g" else MICRO_G, "scale": PPM, "misalignment": ARCSEC}[kind]
+
+
+def nees(found: Sequence[FilterErrors]) -> Rms:
+    """Return the mean squared error over what is stated, a coefficient: 1 where that is right."""
+    each = np.array(
+        [one.error @ np.linalg.solve(one.covariance, one.error) / one.error.size for one in found]
+    )
+    return Rms(float(each.mean()), float(each.std(ddof=1) / np.sqrt(each.size)))
+
+
+def score_filter(found: Sequence[FilterErrors], of: str) -> FilterScore:
+    """Return the score of the gyros ("g") or the accelerometers ("a")."""
+    errors: dict[CoefficientKind, Array] = {
+        kind: errors_of_kind(found, kind, of) for kind in COEFFICIENT_KINDS
+    }
+    worst: dict[CoefficientKind, Rms] = {
+        k: rms(np.abs(off).max(axis=1), ddof=1) for k, off in errors.items()
+    }
+    bias, scale, misalignment = (rms(off, ddof=1) for off in errors.values())
+    return FilterScore(bias, scale, misalignment, nees(found), worst)

@@ -53,7 +53,9 @@ class SampleDrop(NamedTuple):
     row: bool  # with their readback
 
 
-def dropped_sample_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
+def dropped_sample_findings(
+    track: Track, sensor: Sensor, bench: Turntable, known: RateRegression | None = None
+) -> tuple[Finding, ...]:
     """Return a warning for each loss: its time and the number of samples.
 
     Parameters
@@ -63,9 +65,11 @@ def dropped_sample_findings(track: Track, sensor: Sensor, bench: Turntable) -> t
     sensor : Sensor
         With three gyros; otherwise there are no findings.
     bench : Turntable
+    known : RateRegression, optional
+        `fit_track_rates` of the track, where it is known.
     """
     findings: list[Finding] = []
-    for drop in find_dropped_samples(track, sensor, bench):
+    for drop in find_dropped_samples(track, sensor, bench, known):
         count = round(abs(drop.samples))
         size = f"{count} sample{'s' * (count > 1)} {'lost' if drop.samples > 0 else 'too many'}"
         start, stop = track.time[drop.first], track.time[drop.last]
@@ -82,7 +86,9 @@ def dropped_sample_findings(track: Track, sensor: Sensor, bench: Turntable) -> t
     return tuple(findings)
 
 
-def find_dropped_samples(track: Track, sensor: Sensor, bench: Turntable) -> tuple[SampleDrop, ...]:
+def find_dropped_samples(
+    track: Track, sensor: Sensor, bench: Turntable, known: RateRegression | None = None
+) -> tuple[SampleDrop, ...]:
     """Return the losses of which `dropped_sample_findings` warns, in their order.
 
     A long track is searched piece by piece, in the memory of a piece with its margins.
@@ -91,7 +97,8 @@ def find_dropped_samples(track: Track, sensor: Sensor, bench: Turntable) -> tupl
     n = track.time.size
     if sum(gyros) != 3 or n < _FEWEST_SAMPLES:
         return ()
-    known = fit_track_rates(bench, track.time, track.angles, track.reading[:, gyros])
+    if known is None:
+        known = fit_track_rates(bench, track.time, track.angles, track.reading[:, gyros])
     margin = round(_MARGIN / float(np.median(np.diff(track.time[:_PIECE]))))
     rows: list[SampleDrop] = []
     offsets: list[LocalOffsets] = []

@@ -12,13 +12,12 @@ azimuth with the error δ turns e by δ about the vertical.
 from math import atan2, degrees, hypot, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.implied_rates import fit_track_rates
+from inercal.benches.turntable.reading.implied_rates import RateRegression
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Track
@@ -31,7 +30,7 @@ _G_SENSITIVITY = np.radians(20) / 3600 / G0  # standard deviation of G, (rad/s)/
 
 
 def check_earth_rate(
-    where: str, track: Track, sensor: Sensor, bench: Turntable
+    where: str, track: Track, sensor: Sensor, bench: Turntable, known: RateRegression | None
 ) -> tuple[Finding, ...]:
     """Return a warning where the gyros measure another earth rate than the stated one.
 
@@ -42,18 +41,18 @@ def check_earth_rate(
     track : Track
         Of one trial, (n, m) readings.
     sensor : Sensor
-        Without three gyros nothing is checked.
     bench : Turntable
+    known : RateRegression or None
+        `fit_track_rates` of the track; without three gyros there is none, and nothing is checked.
 
     Raises
     ------
     InputError
         The rate has the size of the earth's rate, but is that of another azimuth or latitude.
     """
-    gyros = np.array([axis.measures == "w" for axis in sensor.axes])
-    if gyros.sum() != _AXES:
+    if known is None:
         return ()
-    if (result := _measured_earth_rate(track, sensor, bench, gyros)) is None:
+    if (result := _measured_earth_rate(track, sensor, bench, known)) is None:
         return ()
     measured, covariance = result
     stated = earth_rate_level_frame(bench)
@@ -95,10 +94,10 @@ def _describe_implied_place(rate: Array, bench: Turntable) -> str:
 
 
 def _measured_earth_rate(
-    track: Track, sensor: Sensor, bench: Turntable, gyros: NDArray[np.bool_]
+    track: Track, sensor: Sensor, bench: Turntable, known: RateRegression
 ) -> tuple[Array, Array] | None:
     """Return the earth's rate in the level frame and its covariance; None if not observed."""
-    reading = track.reading[:, gyros]
+    reading = track.reading[:, [axis.measures == "w" for axis in sensor.axes]]
     held = track.hold >= 0
     count = np.bincount(track.hold[held])
     if count.size < _AXES or not count.all():
@@ -108,9 +107,8 @@ def _measured_earth_rate(
     )
     middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in range(count.size)]
     back = np.swapaxes(reference_attitude(bench, track.angles[middles]), -1, -2)
-    turned = fit_track_rates(bench, track.time, track.angles, reading).matrix
-    if np.abs(turned - np.eye(_AXES)).max() < _NEAR_UNIT:
-        mean = mean @ np.linalg.inv(turned).T
+    if np.abs(known.matrix - np.eye(_AXES)).max() < _NEAR_UNIT:
+        mean = mean @ np.linalg.inv(known.matrix).T
     noise = [axis.noise for axis in sensor.axes if axis.measures == "w"]
     white = float(np.mean([one.white**2 for one in noise]))
     drift = float(np.mean([one.bias_instability**2 for one in noise]))
@@ -124,11 +122,11 @@ def _measured_earth_rate(
         design = np.concatenate([design, np.kron(np.eye(3), up[:, None, :])], axis=-1)
     rows = (design / sd[:, None, None]).reshape(-1, design.shape[-1])
     wanted = (mean / sd[:, None]).reshape(-1)
-    known = np.zeros(rows.shape[-1])
-    known[6:] = 1 / _G_SENSITIVITY**2
+    prior = np.zeros(rows.shape[-1])
+    prior[6:] = 1 / _G_SENSITIVITY**2
     # Biases have no prior; no component of the earth's rate exceeds its size.
-    known[3:6] = 1 / (3 * EARTH_RATE) ** 2
-    covariance = np.linalg.inv(rows.T @ rows + np.diag(known))
+    prior[3:6] = 1 / (3 * EARTH_RATE) ** 2
+    covariance = np.linalg.inv(rows.T @ rows + np.diag(prior))
     x = np.asarray(covariance @ (rows.T @ wanted), dtype=float)
     freedom = rows.shape[0] - 6
     excess = float(np.sum((wanted - rows @ x) ** 2)) / max(freedom, 1)

@@ -10,7 +10,8 @@ with S the readings' sum of squares about their mean. Scale factors of 5 % and m
 cost about 5, any bias nothing, and a reversed or exchanged axis more than 100.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import permutations, product
 from json import dumps
 from typing import NamedTuple
@@ -68,7 +69,8 @@ def signed_permutations(k: int) -> tuple[SignedPermutation, ...]:
     )
 
 
-class BlockMeans(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class BlockMeans:
     """Means of 0.1 s: s, rad and rad/s of the k axes, rad/s and m/s² of gyros, accelerometers."""
 
     time: Array  # (b,)
@@ -77,7 +79,7 @@ class BlockMeans(NamedTuple):
     readings: dict[str, Array]  # (b, m) by "f" and "w"
     step: float  # s between samples
 
-    @property
+    @cached_property
     def is_still(self) -> NDArray[np.bool_]:
         """Whether the readback is constant, (b,): in any unit, relative to each axis' fastest."""
         speed = np.abs(self.rates)

@@ -17,20 +17,23 @@ readback; where an interpolated readback nearly stands, its angle is within 10�
 With W the inverse covariance of g − v by all of that, a fault of signature s has the significance
 sᵀ W r / √(sᵀ W s). Signatures are, axis by axis, a step at a knot, a drift from a knot on, and a
 delay; noise of the readback is known by neighbouring increments, which it correlates by −½.
+
+The noise alone has a tridiagonal covariance T = L D Lᵀ, and the parameters add C P Cᵀ. With
+A = D^−½ L⁻¹ C P^½ and the orthogonal Q of its upper part in [A; 1] = Q R, W = T⁻¹ − B Bᵀ, where
+B = L⁻ᵀ D^−½ Q: no n × n matrix is formed, and no digits are lost where C P Cᵀ is much larger.
 """
 
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
-from math import degrees, hypot, radians, sqrt
+from math import degrees, hypot, inf, radians, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.readback_increments import (
     Increments,
@@ -40,13 +43,15 @@ from inercal.benches.turntable.reading.readback_increments import (
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track, join_tracks
 
-Kind = Literal["step", "drift", "delay", "noise"]
+_Fault = Literal["step", "drift", "delay", "noise"]
 _WINDOW = 10.0  # s
-_FEWEST = 20  # knots
+_FEWEST = 20  # increments
+_DRIFT_STEP = 5  # increments between two begins of a drift
+_LEFT = 1e-9  # of what the noise alone would tell: less is rounding
 # Standard deviations: a run has thousands of places for a step, and one noise in each window.
-_SIGNIFICANT: dict[Kind, float] = {"step": 6.0, "drift": 6.0, "delay": 6.0, "noise": 4.5}
+_SIGNIFICANT: dict[_Fault, float] = {"step": 6.0, "drift": 6.0, "delay": 6.0, "noise": 4.5}
 # Below these no table is blamed: nonlinear gyros, g sensitivity and arrivals have such sizes.
-_LEAST: dict[Kind, float] = {"step": radians(10 / 3600), "drift": radians(0.03), "delay": 3e-4,
+_LEAST: dict[_Fault, float] = {"step": radians(10 / 3600), "drift": radians(0.03), "delay": 3e-4,
                              "noise": radians(2 / 3600)}  # fmt: skip
 _NOISE_FACTOR = 3.0  # times the stated noise of the readback
 # Standard deviations before the first window: δA, b in rad/s, G in rad/s per g, and p, q and c in
@@ -55,10 +60,8 @@ _SCALE, _BIAS, _SENSITIVITY, _NONLINEARITY = 0.05, radians(1), radians(0.2), (2e
 _SMALL = radians(5 / 3600)  # rad, of harmonics that make no difference
 _ARRIVAL = 0.02  # s, by which arrival ties the clocks of readback and gyros
 _LAG = 1e-4  # s², standard deviation of κ
-_TIMING = 5e-4  # s, by which single readings are early or late while the rate changes
 _BIAS_WANDER = radians(0.002)  # rad/s from window to window
 _DELAY_WANDER = 5e-5  # s
-_SETTLED = radians(10 / 3600)  # rad, within which an interpolated angle stands
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute deviation
 
 
@@ -78,7 +81,7 @@ class ReadbackDifference(NamedTuple):
         Standard deviations.
     """
 
-    kind: Kind
+    kind: _Fault
     axis: int
     start: float
     stop: float
@@ -134,10 +137,12 @@ class GyroComparison:
         sd = np.array([*own, *3 * [_SCALE], *3 * [_SENSITIVITY], *_NONLINEARITY, *waves])
         mean = np.zeros(sd.size)
         mean[1:3] = delay, -(delay**2) / 2
-        self._mean = [mean for _ in gyros]
-        self._covariance: list[Array] = [np.diag(sd**2) for _ in gyros]
-        late_wander = hypot(bench.clock * _WINDOW, _DELAY_WANDER)
-        self._wander = [np.diag([one**2, late_wander**2, *np.zeros(sd.size - 2)]) for one in wander]
+        self._mean = np.tile(mean, (len(gyros), 1))
+        # A root of the covariance, P = S Sᵀ, of each gyro; and what is added for each window.
+        self._root = np.tile(np.diag(sd), (len(gyros), 1, 1))
+        self._wander = np.zeros((len(gyros), sd.size, 2))
+        self._wander[:, 0, 0] = wander
+        self._wander[:, 1, 1] = hypot(bench.clock * _WINDOW, _DELAY_WANDER)
         self._waiting: list[Track] = []
         self._step = 0.0  # s between samples; 0 before there are any
 
@@ -170,128 +175,70 @@ class GyroComparison:
         spacing = KnotSpacing(self._step or 1.0)
         every, margin = spacing.every, spacing.margin
         size = max(round(_WINDOW / spacing.step / every), _FEWEST) * every
-        while True:
-            stop = start + size + 2 * margin + 1
-            if stop > track.time.size:
-                if not last or track.time.size - start < 2 * margin + _FEWEST * every:
-                    break
-                stop = track.time.size
-            part = track.slice(start, stop)
-            orders = np.array([h for h, _ in self._harmonics], dtype=float)
-            found += self._compare_window(
-                find_increments(self._bench, part, self._columns, self._inputs, orders, spacing)
-            )
-            start += size
+        whole = max((track.time.size - 2 * margin - 1) // size, 0)
+        at = margin + size * np.arange(whole)[:, None] + np.arange(0, size + 1, every)
+        found += self._compare_windows(track, spacing, at)
+        start = size * whole
+        if last and track.time.size - start >= 2 * margin + _FEWEST * every:
+            rest = np.arange(start + margin, track.time.size - margin, every)
+            found += self._compare_windows(track, spacing, rest[None])
         if not last and start < track.time.size:
             self._waiting = [track.slice(start, track.time.size)]
         return found
 
+    def _compare_windows(
+        self, track: Track, spacing: KnotSpacing, at: Indices
+    ) -> list[ReadbackDifference]:
+        """Return what is found in windows, one after the other; (w, n + 1) samples are knots."""
+        if not at.size:
+            return []
+        orders = np.array([h for h, _ in self._harmonics], dtype=float)
+        windows = find_increments(
+            self._bench, track, self._columns, self._inputs, orders, spacing, at
+        )
+        return [one for window in windows for one in self._compare_window(window)]
+
     def _compare_window(self, knots: Increments) -> list[ReadbackDifference]:
         """Return what is found in one window, and learn from it where that is nothing."""
-        used = np.flatnonzero(knots.usable)
-        if used.size < _FEWEST:
+        if knots.dt.size < _FEWEST:
             return []
-        dt = np.diff(knots.time)[used]
-        weights, residuals, learned = list[Array](), list[Array](), list[tuple[Array, Array]]()
-        noise = np.zeros((self._white.size, 2))  # −(lag-1 covariance), its sd
-        for i, (mean, before) in enumerate(zip(self._mean, self._covariance, strict=True)):
-            columns = knots.columns[i, used]
-            y = (knots.gyro - knots.table)[used, i]
-            prior = before + self._wander[i]
-            own = self._noise(knots, used, dt, y - columns @ mean, i)
-            weight = _inverse(own + columns @ prior @ columns.T)
-            gain = prior @ columns.T @ weight
-            r = y - columns @ mean
-            after = mean + gain @ r, prior - gain @ columns @ prior
-            left = y - columns @ after[0]
-            product = left[1:] * left[:-1]
-            noise[i] = -np.mean(product), float(np.std(product)) / sqrt(used.size)
-            weights.append(weight)
-            residuals.append(r)
-            learned.append((after[0], (after[1] + after[1].T) / 2))
+        residual = knots.difference - np.einsum("gnp,gp->gn", knots.columns, self._mean)
+        root = np.concatenate([self._root, self._wander], axis=-1)
+        fit = _Fit(self._variance(knots, residual), knots.between, residual, knots.columns @ root)
+        half = root @ np.linalg.inv(fit.triangle)
+        change = np.einsum("gpq,gq->gp", half, fit.explained)
+        left = residual - np.einsum("gnp,gp->gn", knots.columns, change)
+        product = left[:, 1:] * left[:, :-1]
+        noise = np.column_stack(  # −(lag-1 covariance), its sd
+            [-product.mean(axis=-1), product.std(axis=-1) / sqrt(knots.dt.size)]
+        )
         found = [
-            *self._steps_and_drifts(knots, used, weights, residuals),
-            *_delay(knots, used, weights, residuals),
+            *_steps_and_drifts(knots, fit),
+            *_delay(knots, fit),
             *self._noise_of_readback(knots, noise),
         ]
         if not found:
-            self._mean = [mean for mean, _ in learned]
-            self._covariance = [covariance for _, covariance in learned]
+            self._mean = self._mean + change
+            self._root = np.linalg.qr(half.swapaxes(-1, -2)).R.swapaxes(-1, -2)
         return found
 
-    def _noise(
-        self, knots: Increments, used: NDArray[np.int64], dt: Array, residual: Array, i: int
-    ) -> Array:
-        """Return the covariance of the increments of gyro i, (n, n) rad²."""
-        share = np.sum(knots.axes[:, :, i] ** 2, axis=1)
-        both = (knots.variance[1:] + knots.variance[:-1]) * share
-        both += knots.slow * _SETTLED**2 / 3
-        between = -knots.variance[1:-1] * np.sqrt(share[1:] * share[:-1])
-        between = np.where(np.diff(used) == 1, between[used[:-1]], 0.0)
-        # Trapezoids miss what the rate does between samples where an acceleration begins.
-        dynamic = (knots.acceleration[used, i] * knots.step**2 / 8) ** 2
-        dynamic += (knots.rate[used, i] * _TIMING) ** 2
+    def _variance(self, knots: Increments, residual: Array) -> Array:
+        """Return the variances of all increments, (g, n) rad²."""
         change = np.diff(residual)
-        spread = (_NORMAL * float(np.median(np.abs(change - np.median(change))))) ** 2 / 2
-        white = max(
-            self._white[i] ** 2,
-            (spread - 1.5 * float(np.median(both[used]))) / float(np.median(dt)),
-        )
-        whole = np.diag(both[used] + white * dt + dynamic)
-        k = np.arange(used.size - 1)
-        whole[k, k + 1] = whole[k + 1, k] = between
-        return whole
-
-    def _steps_and_drifts(
-        self,
-        knots: Increments,
-        used: NDArray[np.int64],
-        weights: list[Array],
-        residuals: list[Array],
-    ) -> list[ReadbackDifference]:
-        """Return the most significant step and drift, if there are any."""
-        time, dt = knots.time[:-1][used], np.diff(knots.time)[used]
-        later = [np.triu(w, 1) for w in weights]
-        best: dict[Kind, ReadbackDifference] = {}
-
-        def keep(kind: Kind, axis: int, at: Array, score: Array, information: Array) -> None:
-            z = score / np.sqrt(np.maximum(information, 1e-300))
-            k = int(np.argmax(np.abs(z)))
-            one = ReadbackDifference(
-                kind, axis, float(at[k]), float(knots.time[-1]),
-                -float(score[k] / max(information[k], 1e-300)), abs(float(z[k])),
-            )  # fmt: skip
-            if kind not in best or one.significance > best[kind].significance:
-                best[kind] = one
-
-        for axis in range(knots.axes.shape[1]):
-            score, information, of_later = np.zeros((3, used.size))
-            neighbours = np.zeros(used.size - 1)
-            for i, (w, r) in enumerate(zip(weights, residuals, strict=True)):
-                s = knots.axes[used, axis, i]
-                score += s * (w @ r)
-                information += s**2 * np.diagonal(w)
-                neighbours += s[1:] * s[:-1] * np.diagonal(w, 1)
-                of_later += s * (later[i] @ (s * dt))
-            keep("step", axis, time, score, information)
-            # A step between two readings is in two increments where their interpolation is.
-            pairs = information[1:] + information[:-1] + 2 * neighbours
-            keep("step", axis, time, (score[1:] + score[:-1]) / 2, pairs / 4)
-            # Sums from each knot to the end of the window; each fifth is near enough to any.
-            from_here = np.cumsum((dt * score)[::-1])[::-1]
-            known = np.cumsum((dt**2 * information + 2 * dt * of_later)[::-1])[::-1]
-            late = slice(0, used.size - _FEWEST + 1, 5)
-            keep("drift", axis, time[late], from_here[late], known[late])
-        return [one for one in best.values() if _counts(one)]
+        change = np.abs(change - _median(change)[:, None])
+        spread = (_NORMAL * _median(change)) ** 2 / 2
+        excess = (spread - 1.5 * _median(knots.readback)) / _median(knots.dt)
+        white = np.maximum(self._white**2, excess)
+        return knots.readback + white[:, None] * knots.dt + knots.dynamic
 
     def _noise_of_readback(self, knots: Increments, noise: Array) -> list[ReadbackDifference]:
         """Return the readback's noise where it is more than stated."""
         scale = sqrt(float(np.sum(noise[:, 1] ** 2)))
         stated = max(self._bench.white, knots.resolution / sqrt(12))
-        known = float(np.median(knots.variance)) + knots.resolution**2 / 12
+        known = knots.variance + knots.resolution**2 / 12
         excess = float(np.max(noise[:, 0])) - known
         one = ReadbackDifference(
-            "noise", -1, float(knots.time[0]), float(knots.time[-1]),
+            "noise", -1, float(knots.time[0]), knots.end,
             sqrt(max(excess, 0.0)), (float(np.sum(noise[:, 0])) - known) / max(scale, 1e-300),
         )  # fmt: skip
         return [one] if _counts(one) and one.size > _NOISE_FACTOR * stated else []
@@ -329,34 +276,176 @@ def gyro_comparison_findings(track: Track, sensor: Sensor, bench: Turntable) -> 
 _CAUSE = "; check the encoder, its cable and the controller"
 
 
-def _inverse(covariance: Array) -> Array:
-    """Return the inverse of a positive definite matrix, in a third of the time of `numpy`'s."""
-    potrf, potri = scipy.linalg.get_lapack_funcs(("potrf", "potri"), (covariance,))
-    factor, wrong = potrf(covariance, lower=True, overwrite_a=True)
-    half, _ = potri(factor, lower=True, overwrite_c=True)
-    if wrong:
-        raise np.linalg.LinAlgError("the covariance is not positive definite")
-    lower: Array = np.tril(half)
-    return lower + np.tril(half, -1).T
+def _median(values: Array) -> Array:
+    """Return the medians along the last axis; `numpy` looks for NaN too, which takes longer."""
+    k, ordered = values.shape[-1], np.sort(values)
+    return (ordered[..., k // 2] + ordered[..., (k - 1) // 2]) / 2
+
+
+class _Fit:
+    """What one window leaves of the residuals, and how much it tells; see the module.
+
+    Parameters
+    ----------
+    variance, between : (g, n) and (g, n − 1) arrays
+        The tridiagonal covariance of the noise, rad².
+    residual : (g, n) array
+        rad.
+    columns : (g, n, q) array
+        What the parameters add to the residuals, per standard deviation.
+
+    Attributes
+    ----------
+    triangle : (g, q, q) array
+        R of the module.
+    explained : (g, q) array
+        Qᵀ D^−½ L⁻¹ of the residuals.
+    weighted : (g, n) array
+        W times the residuals.
+    of_noise, information : (g, n) arrays
+        Diagonals of T⁻¹ and of W.
+    neighbours : (g, n − 1) array
+        Beside the diagonal of W.
+    """
+
+    def __init__(self, variance: Array, between: Array, residual: Array, columns: Array):
+        # The gyros' covariances side by side are one tridiagonal matrix.
+        beside = np.zeros(variance.shape)
+        beside[:, :-1] = between
+        self._factor = _Bidiagonal(variance.ravel(), beside.ravel()[:-1])
+        (g, n, q), size = columns.shape, variance.size
+        white = self._factor.whitened(
+            np.concatenate([columns, residual[..., None]], axis=-1).reshape(size, -1)
+        ).reshape(g, n, -1)
+        stacked = np.zeros((g, n + q, q))
+        stacked[:, :n] = white[..., :-1]
+        stacked[:, np.arange(n, n + q), np.arange(q)] = 1.0
+        orthogonal, self.triangle = np.linalg.qr(stacked)
+        self._span = orthogonal[:, :n]
+        self.explained = np.einsum("gnq,gn->gq", self._span, white[..., -1])
+        left = white[..., -1] - np.einsum("gnq,gq->gn", self._span, self.explained)
+        back = self._factor.unwhitened(
+            np.concatenate([self._span, left[..., None]], axis=-1).reshape(size, -1)
+        ).reshape(g, n, -1)
+        self.known, self.weighted = back[..., :-1], back[..., -1]
+        self.of_noise = self._factor.inverse_diagonal.reshape(g, n)
+        self.information = self.of_noise - np.einsum("gnq,gnq->gn", self.known, self.known)
+        beside.ravel()[:-1] = self._factor.inverse_neighbours
+        self.neighbours = beside[:, :-1] - np.einsum(
+            "gnq,gnq->gn", self.known[:, 1:], self.known[:, :-1]
+        )
+
+    def later(self, values: Array) -> Array:
+        """Return the part of T⁻¹ above its diagonal times (g, n, k) values."""
+        return self._factor.later(values.reshape(-1, values.shape[-1])).reshape(values.shape)
+
+    def quadratic(self, signature: Array) -> float:
+        """Return sᵀ W s of (g, n) values s, and 0 where nothing but rounding is left of it."""
+        white = self._factor.whitened(signature.reshape(-1, 1)).reshape(signature.shape)
+        explained = np.einsum("gnq,gn->gq", self._span, white)
+        left = float(np.sum(white**2) - np.sum(explained**2))
+        return left if left > _LEFT * float(np.sum(white**2)) else 0.0
+
+
+class _Bidiagonal:
+    """The factors L D Lᵀ of a tridiagonal covariance T; L has 1 on its diagonal.
+
+    Parameters
+    ----------
+    variance, between : (n,) and (n − 1,) arrays
+        The diagonal of T, and the values beside it.
+    """
+
+    def __init__(self, variance: Array, between: Array):
+        pttrf, self._solve = scipy.linalg.get_lapack_funcs(("pttrf", "tbtrs"), (variance,))
+        diagonal, self._below, wrong = pttrf(variance, between)
+        if wrong:
+            raise np.linalg.LinAlgError("the covariance is not positive definite")
+        self._root = np.sqrt(diagonal)[:, None]
+        self._band = np.ones((2, variance.size))
+        self._band[1, :-1] = self._below
+        inverse = (1.0 / diagonal)[:, None]
+        squares = np.ones((2, variance.size))
+        squares[1, :-1] = -(self._below**2)
+        self.inverse_diagonal: Array = self._bound(squares, inverse, "T")[:, 0]
+        self.inverse_neighbours: Array = -self._below * self.inverse_diagonal[1:]
+
+    def whitened(self, values: Array) -> Array:
+        """Return D^−½ L⁻¹ of (n, k) values."""
+        return self._bound(self._band, values, "N") / self._root
+
+    def unwhitened(self, values: Array) -> Array:
+        """Return L⁻ᵀ D^−½ of (n, k) values."""
+        return self._bound(self._band, values / self._root, "T")
+
+    def later(self, values: Array) -> Array:
+        """Return the part of T⁻¹ above its diagonal times (n, k) values."""
+        right = np.zeros_like(values)
+        right[:-1] = self.inverse_neighbours[:, None] * values[1:]
+        return self._bound(self._band, right, "T")
+
+    def _bound(self, band: Array, right: Array, transposed: str) -> Array:
+        return self._solve(band, right, uplo="L", trans=transposed, diag="U")[0]
+
+
+def _steps_and_drifts(knots: Increments, fit: _Fit) -> list[ReadbackDifference]:
+    """Return the most significant step and drift, if there are any."""
+    s = knots.axes
+    score = np.einsum("gnk,gn->nk", s, fit.weighted)
+    of_noise = np.einsum("gnk,gn->nk", s**2, fit.of_noise)
+    information = np.einsum("gnk,gn->nk", s**2, fit.information)
+    best: dict[_Fault, ReadbackDifference] = {}
+
+    def keep(kind: _Fault, at: Array, score: Array, information: Array, of_noise: Array) -> None:
+        # What the parameters explain wholly has no information, but for its rounding.
+        known = np.where(information > _LEFT * of_noise, information, inf)
+        z = np.abs(score) / np.sqrt(known)
+        k, axis = np.unravel_index(int(np.argmax(z)), z.shape)
+        one = ReadbackDifference(
+            kind, int(axis), float(at[k]), knots.end,
+            -float(score[k, axis] / known[k, axis]), float(z[k, axis]),
+        )  # fmt: skip
+        if kind not in best or one.significance > best[kind].significance:
+            best[kind] = one
+
+    keep("step", knots.time, score, information, of_noise)
+    # A step between two readings is in two increments where their interpolation is.
+    neighbours = np.einsum("gnk,gn->nk", s[:, 1:] * s[:, :-1], fit.neighbours)
+    pairs = information[1:] + information[:-1] + 2 * neighbours
+    keep("step", knots.time, (score[1:] + score[:-1]) / 2, pairs / 4, of_noise[1:])
+    # Sums from each knot to the end of the window; each fifth is near enough to any.
+    of_turn, dt = s * knots.dt[:, None], knots.dt[:, None]
+    later = np.sum(of_turn * fit.later(of_turn), axis=0)
+    blocks = np.arange(0, knots.dt.size, _DRIFT_STEP)
+    explained = np.stack([
+        np.add.reduceat(fit.known * of_turn[..., k : k + 1], blocks, axis=1)
+        for k in range(s.shape[-1])
+    ])  # (k, g, m, q)  # fmt: skip
+    explained = np.cumsum(explained[:, :, ::-1], axis=2)[:, :, ::-1]
+    by_noise = _from_here(dt**2 * of_noise + 2 * later, blocks)
+    known = by_noise - np.einsum("kgmq,kgmq->mk", explained, explained)
+    late = slice(0, (knots.dt.size - _FEWEST) // _DRIFT_STEP + 1)
+    from_here = _from_here(dt * score, blocks)
+    keep("drift", knots.time[blocks][late], from_here[late], known[late], by_noise[late])
+    return [one for one in best.values() if _counts(one)]
+
+
+def _from_here(values: Array, blocks: Indices) -> Array:
+    """Return the sums of (n, k) values from the begin of each block to the end."""
+    return np.cumsum(np.add.reduceat(values, blocks, axis=0)[::-1], axis=0)[::-1]
 
 
 def _counts(one: ReadbackDifference) -> bool:
     return one.significance > _SIGNIFICANT[one.kind] and abs(one.size) > _LEAST[one.kind]
 
 
-def _delay(
-    knots: Increments, used: NDArray[np.int64], weights: list[Array], residuals: list[Array]
-) -> list[ReadbackDifference]:
+def _delay(knots: Increments, fit: _Fit) -> list[ReadbackDifference]:
     """Return a delay beyond that of the windows before, if there is one."""
-    score = information = 0.0
-    for i, (weight, residual) in enumerate(zip(weights, residuals, strict=True)):
-        changed = knots.rate[used, i]
-        score += float(changed @ weight @ residual)
-        information += float(changed @ weight @ changed)
-    if information <= 0:
+    score, information = float(np.sum(knots.rate * fit.weighted)), fit.quadratic(knots.rate)
+    if not information:
         return []
     one = ReadbackDifference(
-        "delay", -1, float(knots.time[0]), float(knots.time[-1]),
+        "delay", -1, float(knots.time[0]), knots.end,
         score / information, abs(score) / sqrt(information),
     )  # fmt: skip
     return [one] if _counts(one) else []

@@ -3,13 +3,17 @@
 `gyro_comparison` says what the increments are compared by.
 """
 
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+
 from dataclasses import dataclass
 from math import inf, radians
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.ndimage
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.benches.turntable.attitude import axis_directions, body_rates, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.recordings import GAP_FACTOR, Track
@@ -22,6 +26,9 @@ _NOISY = 12.0  # times the noise of a reading over the span: six standard deviat
 _CLEAR = 50.0  # times the noise of a reading from knot to knot: a turn that its noise leaves clear
 _SLOW = radians(0.5)  # rad/s: an interpolated angle that nearly stands
 _DUST = 1e-9  # rad, of steps that are rounding
+_TIMING = 5e-4  # s, by which single readings are early or late while the rate changes
+_SETTLED = radians(10 / 3600)  # rad, within which an interpolated angle stands
+_COMMON = 12  # parameters that every comparison has
 _COARSEST = radians(0.2)  # rad, of a readback's resolution
 
 
@@ -55,55 +62,56 @@ class KnotSpacing:
 
 @dataclass(frozen=True)
 class Increments:
-    """Increments between n + 1 knots, of g gyros.
+    """Increments of g gyros in one window: the n between neighbouring knots without a gap.
 
     Parameters
     ----------
-    time : (n + 1,) array
-        s.
-    gyro, table : (n, g) arrays
-        Readings integrated, and what ideal gyros on the table would have integrated, rad.
+    time, dt : (n,) arrays
+        s when each begins, and how long it is.
+    end : float
+        s of the last knot.
+    difference : (g, n) array
+        Readings integrated, less what ideal gyros on the table would have integrated, rad.
     columns : (g, n, p) array
-        What each parameter of a gyro adds to gyro − table.
-    rate, acceleration : (n, g) arrays
-        Changes of the rate and of the acceleration by the readback, rad/s and rad/s².
-    variance : (n + 1,) array
-        Of the readback's noise, rad².
-    slow : (n,) array
-        Whether the angles are interpolated and the table nearly stands.
-    axes : (n, k, g) array
+        What each parameter of a gyro adds to the difference.
+    rate : (g, n) array
+        Changes of the rate by the readback, rad/s.
+    readback, between : (g, n) and (g, n − 1) arrays
+        Variance that the readback has in an increment, and covariance with the next, rad².
+    dynamic : (g, n) array
+        Variance of what the rate does between samples, rad².
+    axes : (g, n, k) array
         What a gyro has of each axis' turn, rad/rad.
-    usable : (n,) array
-        Whether there is no gap.
+    variance : float
+        Of one angle of the readback in the middle of all, rad².
     resolution : float
         Of the readback, rad.
-    step : float
-        s between samples.
     """
 
     time: Array
-    gyro: Array
-    table: Array
+    dt: Array
+    end: float
+    difference: Array
     columns: Array
     rate: Array
-    acceleration: Array
-    variance: Array
-    slow: NDArray[np.bool_]
+    readback: Array
+    between: Array
+    dynamic: Array
     axes: Array
-    usable: NDArray[np.bool_]
+    variance: float
     resolution: float
-    step: float
 
 
 def find_increments(
     bench: Turntable,
     track: Track,
-    gyros: NDArray[np.bool_],
+    gyros: Bools,
     inputs: Array,
     harmonics: Array,
     spacing: KnotSpacing,
-) -> Increments:
-    """Return the increments of a track.
+    at: Indices,
+) -> list[Increments]:
+    """Return the increments of each window.
 
     Parameters
     ----------
@@ -117,6 +125,8 @@ def find_increments(
     harmonics : (q,) array
         Orders of the readback's harmonics that have parameters.
     spacing : KnotSpacing
+    at : (w, n + 1) array of int
+        The samples of the knots of each window; `spacing.margin` samples are beside them.
     """
     time, angles, h, step = track.time, track.angles, spacing.half, spacing.step
     reading = track.reading[:, gyros]
@@ -125,115 +135,119 @@ def find_increments(
     mean = body_rates(bench, (angles[1:] + angles[:-1]) / 2, turned / dt[:, None])
     g = _integrals(dt, (reading[1:] + reading[:-1]) / 2)
     v = _integrals(dt, mean)
-    at = np.arange(2 * h, time.size - 2 * h, spacing.every)
-    span = (time[at + h] - time[at - h])[:, None]
+    span = (time[at + h] - time[at - h])[..., None]
     rate = (v[at + h] - v[at - h]) / span
     acceleration = (v[at + 2 * h] - 2 * v[at] + v[at - 2 * h]) / span**2
     # Where the table does not accelerate, these are noise that the increments have too.
-    faster, jerk = np.diff(rate, axis=0), np.diff(acceleration, axis=0)
-    least = _NOISY * bench.white / span[1:]
+    faster, jerk = np.diff(rate, axis=1), np.diff(acceleration, axis=1)
+    least = _NOISY * bench.white / span[:, 1:]
     accelerates = (np.abs(faster) > least).any(axis=-1)
     # A slow acceleration shows over a longer time: the rates at its ends have the same noise.
-    ends = np.arange(len(rate))[:, None] + np.array([-_LONG, _LONG])
-    first, last = rate[np.clip(ends, 0, len(rate) - 1)].swapaxes(0, 1)
-    accelerates |= (np.abs(last - first)[1:] > least).any(axis=-1)
-    near = np.convolve(accelerates, np.ones(2 * _NEAR + 1), "same") > 0
-    faster[~near] = jerk[~near] = 0.0
+    knots, end = np.arange(at.shape[1]), at.shape[1] - 1
+    first, last = rate[:, np.maximum(knots - _LONG, 0)], rate[:, np.minimum(knots + _LONG, end)]
+    accelerates |= (np.abs(last - first)[:, 1:] > least).any(axis=-1)
+    near = scipy.ndimage.maximum_filter1d(
+        accelerates.astype(np.uint8), 2 * _NEAR + 1, axis=1, mode="constant"
+    )
+    faster[near == 0] = jerk[near == 0] = 0.0
     lost = np.concatenate([[0], np.cumsum(dt > GAP_FACTOR * step)])
-    usable = lost[at[1:] + 2 * h] == lost[at[:-1] - 2 * h]
-    there = angles[at]
-    axes = axis_directions(bench, there)
-    up = reference_attitude(bench, there)[:, 2, :]
-    variance, slow = track.angle_variance(bench.white**2)[at], np.zeros(at.size, np.bool_)
+    usable = lost[at[:, 1:] + 2 * h] == lost[at[:, :-1] - 2 * h]
+    there = angles[at.ravel()]
+    axes = axis_directions(bench, there).reshape(*at.shape, -1, 3)
+    up = reference_attitude(bench, there)[:, 2, :].reshape(*at.shape, 3)
+    variance, slow = track.angle_variance(bench.white**2)[at], np.zeros(at.shape, np.bool_)
     if track.angle_quality is not None:
         # An angle that stands is that of the nearest reading, which may be used elsewhere.
         variance = np.where(np.isfinite(variance), variance, bench.white**2)
         slow = np.linalg.norm(rate, axis=-1) < _SLOW
-    sizes = np.abs(turned)
-    resolution = float(sizes[sizes > _DUST].min(initial=inf))
-    resolution = resolution if resolution < _COARSEST else 0.0
-    increments, spans = np.diff(v[at], axis=0), np.diff(time[at])
+    increments, spans = np.diff(v[at], axis=1), np.diff(time[at], axis=1)
     clear = _CLEAR * bench.white / (spacing.every * step)
-    to_gyros = inputs.T
-    return Increments(
-        time[at],
-        np.diff(g[at], axis=0),
-        increments @ to_gyros,
-        _parameter_columns(
-            spans,
-            _without_noise(increments, spans, rate, usable, clear),
-            up,
-            harmonics,
-            there,
-            faster,
-            jerk,
-            inputs,
-        ),
-        faster @ to_gyros,
-        jerk @ to_gyros,
-        variance,
-        slow[1:] | slow[:-1],
-        (axes[1:] + axes[:-1]) / 2 @ to_gyros,
-        usable,
-        resolution,
-        step,
-    )
+    body = _without_noise(increments, spans, rate, usable, clear)
+    pull = (up[:, 1:] + up[:, :-1]) / 2 * spans[..., None]
+    waves = [
+        np.diff(function(order * angles[at]), axis=1)
+        for order in harmonics
+        for function in (np.sin, np.cos)
+    ]
+    changed, jerked = _of_gyros(faster, inputs), _of_gyros(jerk, inputs)
+    columns = np.empty((*changed.shape, _COMMON + sum(wave.shape[-1] for wave in waves)))
+    dt_of_each = spans[:, None]
+    columns[..., 0], columns[..., 1], columns[..., 2] = dt_of_each, changed, jerked
+    columns[..., 3:6], columns[..., 6:9] = body[:, None], pull[:, None]
+    w = _of_gyros(body, inputs) / dt_of_each
+    for k, power in enumerate((np.abs(w), w**2, w * w**2)):
+        columns[..., 9 + k] = power * dt_of_each
+    if waves:
+        columns[..., _COMMON:] = np.concatenate(waves, axis=-1)[:, None]
+    seen = np.moveaxis((axes[:, 1:] + axes[:, :-1]) / 2 @ inputs.T, -1, 1)
+    share = np.einsum("wgnk,wgnk->wgn", seen, seen)
+    readback = (variance[:, 1:] + variance[:, :-1])[:, None] * share
+    readback += (slow[:, 1:] | slow[:, :-1])[:, None] * _SETTLED**2 / 3
+    between = np.sqrt(share[..., 1:] * share[..., :-1])
+    between *= -np.where(usable[:, :-1], variance[:, 1:-1], 0.0)[:, None]
+    # Trapezoids miss what the rate does between samples where an acceleration begins.
+    dynamic = (jerked * step**2 / 8) ** 2 + (changed * _TIMING) ** 2
+    difference = _of_gyros(np.diff(g[at], axis=1), np.eye(len(inputs)))
+    difference -= _of_gyros(increments, inputs)
+    middle = np.median(variance, axis=-1)
+    turns = np.abs(turned)
+    smallest = np.minimum.reduce([np.where(one > _DUST, one, inf) for one in turns.T])
+    result: list[Increments] = []
+    for i, used in enumerate(usable):
+        kept = slice(None) if used.all() else used
+        resolution = float(smallest[at[i, 0] - 2 * h : at[i, -1] + 2 * h].min())
+        result.append(
+            Increments(
+                time[at[i, :-1]][kept],
+                spans[i, kept],
+                float(time[at[i, -1]]),
+                difference[i][:, kept],
+                columns[i][:, kept],
+                changed[i][:, kept],
+                readback[i][:, kept],
+                between[i] if used.all() else between[i][:, used[1:]][:, not used[0] :],
+                dynamic[i][:, kept],
+                seen[i][:, kept],
+                float(middle[i]),
+                resolution if resolution < _COARSEST else 0.0,
+            )
+        )
+    return result
+
+
+def _of_gyros(vectors: Array, inputs: Array) -> Array:
+    """Return components of vectors (w, n, 3) along the gyros' axes, (w, g, n)."""
+    return np.ascontiguousarray((vectors @ inputs.T).swapaxes(1, 2))
 
 
 def _without_noise(increments: Array, dt: Array, rate: Array, usable: Bools, clear: float) -> Array:
-    """Return the body's increments, (n, 3), averaged where the table turns too slowly.
+    """Return the body's increments, (w, n, 3), averaged where the table turns too slowly.
 
     The readings of a table that stands are noise. A scale factor that is fitted to them tends to
     −1, because the same noise, reversed, is in the difference between gyros and readback.
 
     Parameters
     ----------
-    increments : (n, 3) array
+    increments : (w, n, 3) array
         rad.
-    dt : (n,) array
+    dt : (w, n) array
         s of each.
-    rate : (n + 1, 3) array
+    rate : (w, n + 1, 3) array
         At the knots, rad/s.
-    usable : (n,) array of bool
+    usable : (w, n) array of bool
         Those without a gap; the others serve no average.
     clear : float
         rad/s, above which noise makes no difference.
     """
     size = np.linalg.norm(rate, axis=-1)
-    slow = usable & (np.maximum(size[1:], size[:-1]) < clear)
-    box = np.ones(2 * _LONG + 1)
-
-    def around(values: Array) -> Array:
-        return np.convolve(np.where(slow, values, 0.0), box, "full")[_LONG:-_LONG]
-
-    mean = np.stack([around(one) for one in increments.T], axis=-1)
-    mean /= np.where(slow, around(dt), 1.0)[:, None]
-    return np.where(slow[:, None], mean * dt[:, None], increments)
-
-
-def _parameter_columns(
-    dt: Array,
-    body: Array,
-    up: Array,
-    harmonics: Array,
-    angles: Array,
-    faster: Array,
-    jerk: Array,
-    inputs: Array,
-) -> Array:
-    """Return what each parameter adds to each gyro's increments, (g, n, p)."""
-    pull = (up[1:] + up[:-1]) / 2 * dt[:, None]
-    waves: list[Array] = []
-    for h in harmonics:
-        for function in (np.sin, np.cos):
-            waves += list(np.diff(function(h * angles), axis=0).T)
-    result: list[Array] = []
-    for along in inputs:
-        w = body @ along / dt
-        own = dt, faster @ along, jerk @ along
-        nonlinear = np.abs(w) * dt, w**2 * dt, w**3 * dt
-        result.append(np.column_stack([*own, body, pull, *nonlinear, *waves]))
-    return np.stack(result)
+    slow = (usable & (np.maximum(size[:, 1:], size[:, :-1]) < clear))[..., None]
+    both = np.where(slow, np.concatenate([increments, dt[..., None]], axis=-1), 0.0)
+    # Sums over the increments within `_LONG` of each.
+    sums = np.pad(np.cumsum(both, axis=1), [(0, 0), (_LONG + 1, _LONG), (0, 0)], "edge")
+    sums[:, : _LONG + 1] = 0.0
+    around = sums[:, 2 * _LONG + 1 :] - sums[:, : -2 * _LONG - 1]
+    mean = around[..., :3] / np.where(slow, around[..., 3:], 1.0)
+    return np.where(slow, mean * dt[..., None], increments)
 
 
 def _integrals(dt: Array, rate: Array) -> Array:

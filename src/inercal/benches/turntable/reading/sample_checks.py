@@ -185,6 +185,8 @@ def _isolated_samples(column: Array, least: float) -> NDArray[np.int64]:
     """Return the samples that lie beyond both neighbours, while these differ as usual."""
     before, after = column[1:-1] - column[:-2], column[1:-1] - column[2:]
     beyond = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+    if not (beyond > least).any():
+        return np.empty(0, np.int64)
     usual = _NORMAL * float(np.median(np.abs(before - after)))
     apart = np.abs(column[2:] - column[:-2])
     lonely = (beyond > max(least, _SIGMAS * usual)) & (apart < 0.5 * beyond)

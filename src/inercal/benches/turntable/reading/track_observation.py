@@ -15,6 +15,7 @@ from inercal.benches.turntable.reading.dropped_samples import dropped_sample_fin
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
 from inercal.benches.turntable.reading.gyro_comparison import gyro_comparison_findings
 from inercal.benches.turntable.reading.host_readback import Interruption
+from inercal.benches.turntable.reading.implied_rates import RateRegression, fit_track_rates
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
     add_table_angles,
@@ -44,7 +45,6 @@ from inercal.benches.turntable.rest_timing import (
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.physics.plan import Position, Rotation, TableStep
 from inercal.physics.section_settings import key_error
-from inercal.physics.sensors import Sensor
 from inercal.recordings import AngleQuality, Finding, Mark, Recording, Track
 from inercal.recordings.data import EstimatorInput, Source
 from inercal.recordings.data.recording_loader import (
@@ -53,17 +53,18 @@ from inercal.recordings.data.recording_loader import (
     require_distinct_columns,
 )
 from inercal.recordings.segments import (
+    observe as averaged,
+)
+from inercal.recordings.segments.turntable_segments import (
     AxisTurn,
     find_holds,
     find_turns,
     holds_from_numbers,
     select_long_holds,
 )
-from inercal.recordings.segments import (
-    observe as averaged,
-)
 
 _WIDEST = 0.05  # s
+_GYROS = 3
 _NOT_LATE = 1e-3  # s
 _MOVED = radians(0.1)
 _EXACT = 4  # decimals of degrees of the angles of positions
@@ -177,18 +178,16 @@ def _check_track(
         track = replace(track, angles=np.stack(angles, axis=-1))
     if alike:
         require_turning(where, track, run.sensor, columns.readback)
-    repeated = repeated_readback_finding(track)
-    return (
-        *check_track(where, track, run.sensor, bench, columns, interruptions),
-        *check_earth_rate(where, track, run.sensor, bench),
-        *(_motion_findings(track, run.sensor, bench) if repeated is None else (repeated,)),
-    )
-
-
-def _motion_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
-    """Return what readback and gyros show of lost samples, or else of a wrong readback."""
-    lost = dropped_sample_findings(track, sensor, bench)
-    return lost or gyro_comparison_findings(track, sensor, bench)
+    findings = check_track(where, track, run.sensor, bench, columns, interruptions)
+    gyros = [axis.measures == "w" for axis in run.sensor.axes]
+    known: RateRegression | None = None
+    if sum(gyros) == _GYROS:
+        known = fit_track_rates(bench, track.time, track.angles, track.reading[:, gyros])
+    findings += check_earth_rate(where, track, run.sensor, bench, known)
+    if (repeated := repeated_readback_finding(track)) is not None:
+        return (*findings, repeated)
+    lost = dropped_sample_findings(track, run.sensor, bench, known)
+    return findings + (lost or gyro_comparison_findings(track, run.sensor, bench))
 
 
 def _require_complete_first_rest(

@@ -1,0 +1,147 @@
+"""Options that several verbs have, and the checks of what they state."""
+
+import os
+from collections.abc import Iterable
+from math import inf
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from inercal.basics.errors import InputError
+from inercal.cli.console import report_line
+
+if TYPE_CHECKING:
+    from inercal.host.tasks import RunOptions
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Force = Annotated[bool, typer.Option("--force", help="Write over existing files.")]
+Strict = Annotated[
+    bool,
+    typer.Option("--strict", help="Exit with status 3 also for a result with reservations."),
+]
+RegisterOption = Annotated[
+    str | None,
+    typer.Option(
+        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER."
+    ),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(help="Processes that compute (default: one a core); results are the same."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        "--cluster",
+        help="Compute on a Dask cluster: tcp://HOST:PORT, tls://HOST:PORT, or local: this machine.",
+    ),
+]
+
+
+def assignments(
+    texts: Iterable[str], option: str, form: str, *, sectioned: bool = False
+) -> dict[str, str]:
+    """Return the values that an option such as `--set` states, by name.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        "NAME=VALUE".
+    option : str
+    form : str
+        What to write, for the message.
+    sectioned : bool
+        Whether a name is a key with its section, "data.rate".
+
+    Raises
+    ------
+    InputError
+        A text of another form, or a name that is stated twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not (name and value) or (sectioned and "." not in name):
+            raise InputError(f"{option} {text!r}: write {form}", key=option, names=(name,))
+        if name in found:
+            raise InputError(
+                f"{option} {name} is stated twice: state it once", key=option, names=(name,)
+            )
+        found[name] = value
+    return found
+
+
+def warn_of_root(scheduler: str | None) -> None:
+    """Warn on standard error where work for several processes is handed out as root.
+
+    Parameters
+    ----------
+    scheduler : str or None
+        As the user states it.
+    """
+    from inercal.basics.parallel import LOCAL
+
+    root = hasattr(os, "geteuid") and os.geteuid() == 0
+    if scheduler is None or not root:
+        return
+    what = (
+        "the processes that read the recordings are root's"
+        if scheduler == LOCAL
+        else "whoever reaches the scheduler can run code as root"
+    )
+    report_line(f"warning: run as root: {what}; start it as another user")
+
+
+def positive_number(option: str, given: float | str, otherwise: str = "") -> float:
+    """Return the number of an option.
+
+    Parameters
+    ----------
+    option : str
+        Its name, "--pace".
+    given : float or str
+    otherwise : str
+        What else is possible, for the message.
+
+    Raises
+    ------
+    InputError
+        Not a number above 0.
+    """
+    try:
+        value = float(given)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < inf:
+        raise InputError(f"{option} {given}: give a number above 0{otherwise}", key=option)
+    return value
+
+
+def run_options(speed: float | None, patience: float, temperature: str) -> "RunOptions":
+    """Return the options `--speed`, `--patience` and `--temperature`.
+
+    Raises
+    ------
+    InputError
+        Not a number above 0, or not two temperatures in rising order.
+    """
+    from inercal.basics.units import ZERO_CELSIUS
+    from inercal.host.tasks import RunOptions
+
+    within: tuple[float, float] | None = None
+    if temperature:
+        low, _, high = temperature.partition(":")
+        try:
+            within = float(low) + ZERO_CELSIUS, float(high) + ZERO_CELSIUS
+        except ValueError:
+            within = (1.0, 0.0)
+        if not within[0] < within[1]:
+            raise InputError(
+                f"--temperature {temperature!r}: give lowest and highest °C, such as 15:40",
+                key="--temperature",
+            )
+    for name, value in (("--speed", speed), ("--patience", patience)):
+        if value is not None:
+            positive_number(name, value)
+    return RunOptions(speed, within, patience)

@@ -1,0 +1,220 @@
+"""Calibrations that other programs made, read into a `Calibration` without covariance.
+
+Their files state no uncertainties: the covariance is zero, a note states it, and `inercal compare`
+compares differences with the U of only the other calibration. Each format is a module with
+`READER = CalibrationReader(...)`; a package of its own registers one by the entry point
+`inercal.calibration_readers`.
+
+Coefficients of matrices and biases are the inverse of `inercal.export.model`: an axis with I, P, O
+reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form), so that with row r of the matrix
+k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; the same for gyros, and with row r of A g_i = r·I, g_p = r·P,
+g_o = r·O.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
+from inercal.basics.registry import Registry
+from inercal.basics.small_files import read_small_file
+from inercal.basics.units import si_factor
+from inercal.calibration import Calibration
+from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.target_definition import resolve_options
+from inercal.export.term_kinds import temperature_order, term_kind
+from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, imu
+
+READERS: Registry[CalibrationReader] = Registry(
+    "inercal.calibration_readers",
+    "format",
+    {
+        name: f"inercal.export.targets.{name}:READER"
+        for name in ("imu_tk", "imucal", "kalibr", "px4", "ardupilot")
+    },
+)
+_LARGEST = 4 << 20  # bytes: parameters of a flight controller are 100 kilobytes
+WITHOUT_COVARIANCE = "imported without covariance: its uncertainties are not known"
+_LARGEST_SCALE_ERROR = 0.5
+
+
+def import_calibration(
+    path: str | Path,
+    of: str,
+    *,
+    like: Calibration | None = None,
+    options: Mapping[str, Any] | None = None,
+    name: str = "",
+) -> Calibration:
+    """Return the calibration of a file that another program made.
+
+    Parameters
+    ----------
+    path : path
+    of : str
+        Name of the format, one of `READERS`.
+    like : Calibration, optional
+        A calibration of the same sensor: its axes with their names and readouts are taken, so that
+        both can be compared. Otherwise axes are ax, ay, az, gx, gy, gz with readings in SI.
+    options : mapping of str to object, optional
+        What the format takes, by name.
+    name : str
+        Of the sensor; by default that of `like`, else that of the file.
+
+    Returns
+    -------
+    Calibration
+        With a covariance of zero.
+
+    Raises
+    ------
+    InputError
+        No such format, a file that is none of this format, or a sensor that does not fit.
+    """
+    reader = READERS.find(of)
+    resolved = resolve_options(reader.name, reader.options, options or {})
+    path = Path(path)
+    raw = read_small_file(path, f"{reader.meaning} file", _LARGEST)
+    try:
+        stated = reader.read(raw.decode("utf-8-sig"), resolved)
+        named = name or (path.name.partition(".")[0] if like is None else like.sensor.name)
+        calibration = _build_calibration(stated, like, named, of)
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: no text; give a {reader.meaning} file", file=path) from None
+    except InputError as error:
+        raise error.located(path) from None
+    provenance = {
+        "imported file": path.name,
+        "imported file sha256": hashlib.sha256(raw).hexdigest(),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "inercal": version("inercal"),
+    }
+    notes = (WITHOUT_COVARIANCE, *stated.notes)
+    return replace(calibration, provenance=provenance, notes=notes)
+
+
+def _build_calibration(
+    stated: StatedCalibration, like: Calibration | None, name: str, estimator: str
+) -> Calibration:
+    """Return the calibration of what a file states, with a covariance of zero.
+
+    `like` gives axes and readouts, `estimator` is the format.
+    """
+    axes: list[Axis] = []
+    values: dict[str, float] = {}
+    triads: tuple[tuple[Measures, StatedTriad | None], ...] = (
+        ("f", stated.accelerometer),
+        ("w", stated.gyro),
+    )
+    for kind, triad in triads:
+        if triad is None:
+            continue
+        mine = _axes(stated, like, kind)
+        axes += mine
+        for row, axis in enumerate(mine):
+            values |= _coefficients(triad, row, axis, kind, output=stated.output)
+    sensor = Sensor(name, tuple(axes), reference_temperature=stated.reference_temperature)
+    sensor = sensor.with_coefficients(*values)
+    p = len(sensor.coefficients)
+    _require_nominal(values, like)
+    calibration = Calibration(
+        sensor,
+        np.array([values[full] for full in sensor.coefficients]),
+        np.zeros((p, p)),
+        "imported",
+        estimator,
+        frame=stated.frame,
+    )
+    return calibration.in_frame("triangular") if stated.own_frame else calibration
+
+
+def _axes(stated: StatedCalibration, like: Calibration | None, kind: Measures) -> list[Axis]:
+    if like is None:
+        return _nominal_axes(stated, kind)
+    found = [axis for axis in like.sensor.axes if axis.measures == kind]
+    if len(found) != 3:
+        raise InputError(
+            f"the file states three {QUANTITIES[kind].sensors}, and {like.sensor.name} has "
+            f"{len(found)}; give a calibration of the same sensor by --like",
+            key="--like",
+        )
+    return found
+
+
+def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
+    """Return axes x, y, z with readings in the unit of the file, or in SI."""
+    like = QUANTITIES[kind].ascii_unit
+    unit = like if stated.units is None else stated.units["fw".index(kind)]
+    try:
+        readout = Readout(1 / si_factor(unit, like=like), 0.0, unit)
+    except InputError:
+        raise InputError(
+            f"the {QUANTITIES[kind].sensors} read {unit!r}, which is no unit: give a "
+            "calibration of the same sensor by --like, with its nominal readout",
+            key="--like",
+        ) from None
+    return [replace(axis, readout=readout) for axis in imu().axes if axis.measures == kind]
+
+
+def _coefficients(
+    triad: StatedTriad, row: int, axis: Axis, kind: Measures, *, output: bool
+) -> dict[str, float]:
+    """Return the coefficients of an axis by full name, SI."""
+    readout = axis.readout
+    scale, offset = (readout.scale, readout.offset) if output else (1.0, 0.0)
+    bias_name, scale_name = QUANTITIES[kind].bias, QUANTITIES[kind].scale
+    found: dict[str, float] = {}
+    along, pendulous, across = axis.frame
+    if triad.matrix is not None:
+        line = triad.matrix[row] / scale
+        found[scale_name] = float(line @ along) - 1
+        found["delta_o"] = float(line @ pendulous)
+        found["delta_p"] = -float(line @ across)
+    elif triad.scale is not None:
+        found[scale_name] = float(triad.scale[row]) / scale - 1
+    if triad.bias is not None:
+        found[bias_name] = (float(triad.bias[row]) - offset) / scale
+    if triad.sensitivity is not None:
+        line = triad.sensitivity[row] / scale
+        found |= {f"g_{k}": float(line @ v) for k, v in zip("ipo", axis.frame, strict=True)}
+    for order, values in enumerate(triad.bias_powers, start=1):
+        if np.any(triad.bias_powers[order - 1]):
+            found[_temperature_name(kind, order)] = float(values[row])
+    return {f"{axis.name}.{short}": value for short, value in found.items()}
+
+
+def _require_nominal(values: dict[str, float], like: Calibration | None) -> None:
+    far = [
+        full
+        for full, value in values.items()
+        if CoefficientName(full).term in ("k1", "scale") and abs(value) > _LARGEST_SCALE_ERROR
+    ]
+    if far:
+        what = (
+            "of that sensor" if like is None else f"that fits: that of {like.sensor.name} does not"
+        )
+        raise InputError(
+            f"the scale factor of {CoefficientName(far[0]).axis} is {1 + values[far[0]]:.3g} of "
+            f"nominal; give a calibration by --like with the nominal readout {what}",
+            key="--like",
+            names=tuple(far),
+        )
+
+
+def _temperature_name(kind: Measures, order: int) -> str:
+    """Return the term of a power of temperature."""
+    for term in TABLES[kind]:
+        if term_kind(kind, term) == "bias_temperature" and temperature_order(term) == order:
+            return term.name
+    raise InputError(
+        f"the bias of {QUANTITIES[kind].sensors} has a term of order {order} in temperature, for "
+        "which inercal has no coefficient"
+    )

@@ -1,0 +1,133 @@
+"""Scripts that correct: a Python module without imports, and a MATLAB or Octave function.
+
+The Python module has a function `correct` of one reading; the other corrects rows of readings.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
+from inercal.export.target_definition import Rendering, Request
+from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
+from inercal.export.targets.shared import comments, number
+
+
+def _python_number(value: float) -> str:
+    return repr(float(value) + 0.0)
+
+
+def _python_rows(code: CodeModel) -> str:
+    rows = ",\n".join(f"    ({', '.join(map(_python_number, row))})" for row in code.matrix)
+    return f"MATRIX = (\n{rows},\n)"
+
+
+def _render_python(request: Request) -> Rendering:
+    code = code_model(request)
+    dialect = Dialect(_python_number, "motion[{}]", "({0} > 0.0) - ({0} < 0.0)")
+    argument, given = (word * code.takes_temperature for word in (", temperature", ", dT"))
+
+    def write(header: Sequence[str]) -> str:
+        lines = [
+            comments(header, "#").rstrip(),
+            "",
+            _python_rows(code),
+            f"OFFSET = ({', '.join(map(_python_number, code.offset))})",
+            "",
+            "",
+            f"def correct(reading{argument}):",
+            f'    """Return {motion_comment(code)}, as a tuple of numbers."""',
+            "    start = [value - offset for value, offset in zip(reading, OFFSET)]",
+            "    motion = _apply(start)",
+        ]
+        if code.takes_temperature:
+            at = "temperature"
+            if code.limits is not None:
+                low, high = map(_python_number, code.limits)
+                at = f"min(max(temperature, {low}), {high})"
+            lines.append(f"    dT = {at} - {_python_number(code.reference)}")
+        if code.passes:
+            lines += [
+                f"    for _ in range({code.passes}):",
+                f"        extra = _terms(motion{given})",
+                "        motion = _apply([value - more for value, more in zip(start, extra)])",
+            ]
+        lines += [
+            "    return motion",
+            "",
+            "",
+            "def _apply(reading):",
+            "    return tuple(sum(c * x for c, x in zip(row, reading)) for row in MATRIX)",
+        ]
+        if code.passes:
+            variables, channels = statements(code.model, dialect)
+            lines += ["", "", f"def _terms(motion{given}):"]
+            lines += [f"    {name} = {expression}" for name, expression in variables.items()]
+            lines += ["    return ("]
+            lines += [f"        {text or '0.0'}," for text in channels] + ["    )"]
+        return "\n".join(lines) + "\n"
+
+    return code_rendering(code, write)
+
+
+def _matlab_number(value: float) -> str:
+    return number(value, 17)
+
+
+def _matlab_matrix(values: Array) -> str:
+    rows = np.atleast_2d(values)
+    return "[" + "; ...\n        ".join(", ".join(map(_matlab_number, row)) for row in rows) + "]"
+
+
+def _render_matlab(request: Request) -> Rendering:
+    code = code_model(request)
+    dialect = Dialect(_matlab_number, "motion(:, {})", "sign({0})", " .* ", first=1)
+    argument = ", temperature" * code.takes_temperature
+
+    def write(header: Sequence[str]) -> str:
+        lines = [
+            f"function motion = {request.name}_correct(reading{argument})",
+            f"% Rows of readings to rows of motion: {motion_comment(code)}.",
+            comments(header, "%").rstrip(),
+            f"    C = {_matlab_matrix(code.matrix)};",
+            f"    offset = {_matlab_matrix(code.offset)};",
+            "    motion = (reading - offset) * C';",
+        ]
+        if code.takes_temperature:
+            at = "temperature(:)"
+            if code.limits is not None:
+                low, high = map(_matlab_number, code.limits)
+                at = f"min(max(temperature(:), {low}), {high})"
+            lines.append(f"    dT = {at} - {_matlab_number(code.reference)};")
+        if code.passes:
+            variables, channels = statements(code.model, dialect)
+            lines.append(f"    for pass = 1:{code.passes}")
+            lines += [f"        {name} = {expression};" for name, expression in variables.items()]
+            lines.append("        extra = zeros(size(reading));")
+            lines += [
+                f"        extra(:, {k}) = {text};"
+                for k, text in enumerate(channels, start=1)
+                if text
+            ]
+            lines += ["        motion = (reading - offset - extra) * C';", "    end"]
+        return "\n".join([*lines, "end"]) + "\n"
+
+    plain = code.matrix[:3, :3]
+    remarks = [f"the name of this file must be {request.name}_correct.m"]
+    if not code.passes and code.model.accelerometer is not None:
+        bias = -(code.offset[:3] @ plain.T)
+        remarks.append(
+            "for U*A + b of accelcal (Navigation Toolbox), accelerometers: A = C(1:3,1:3)', b = ["
+            + ", ".join(map(number, bias))
+            + "]"
+        )
+    return code_rendering(code, write, remarks=remarks)
+
+
+PYTHON = code_target(
+    "python", "Python module without imports", ".py", _render_python, named_by_function=True
+)
+MATLAB = code_target(
+    "matlab", "MATLAB or Octave function", ".m", _render_matlab, named_by_function=True
+)

@@ -1,0 +1,238 @@
+"""Whether a recording is of a sensor at rest that can be analysed: its units, motion and rounding.
+
+Units are judged as a calibration judges them. Three accelerometers read gravity together. Fewer may
+lie across it, and more have directions of their own: they can only read too much.
+
+Motion is what no rest with a disturbance shows. (a) Accelerometers: gravity turns in the case. The
+median of a window is compared with the median of all windows; a change of 0.17 g, which gravity
+makes when it turns by 10°, is more than any bias drifts and more than a slow tilt of a bench. (b)
+Gyros: the sensor turns by 10° within a window of 5 s, or the median rate changes by as much (2 °/s)
+within two windows. A bias drifts more slowly, so that a temperature ramp passes whatever its size.
+Medians and integrals let knocks and bursts pass: a vibration has a large rate and a small angle,
+unless the samples alias it to a slow swing.
+
+Where rounding to steps hides the noise, N cannot be read. Below a noise of half a step the scatter
+of the readings depends on where the mean lies between two steps: at 0.4 of a step N is read 1.15 to
+1.31 times too large, at 0.2 it is 0.56 to 2.5 times.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
+from inercal.noise.channel_noise import QUANTITIES, Quantity, quantity_of
+from inercal.physics.sensors import G0
+from inercal.recordings import Recording
+from inercal.recordings.io.rest_norm import (
+    LARGEST_BIAS,
+    norm_at_rest,
+    norm_finding,
+    rate_finding,
+    rest_norm_text,
+)
+
+_TRIAD = 3
+LARGEST_TURN = np.radians(10.0)  # of gravity in the case, or of the sensor within a window
+WINDOW = 5.0  # s
+_LARGEST_CHANGE = G0 * np.sin(LARGEST_TURN)  # m/s²
+_FEWEST = 8  # windows
+_DEVIATIONS = 8.0  # sd of a median by the white noise of the samples, which a change must exceed
+_MEDIAN_ABS = 0.67449  # of the absolute value of a normal deviate
+_MEDIAN_SD = 1.2533  # of a median over that of a mean, of normal deviates
+REFUSED, WARNED = 0.4, 0.5  # sd of the noise over the step
+_LOOKED_AT = 100_000  # samples
+_EVEN = 1e-3  # of a step
+_LAGS = (1, 4, 16, 64)
+
+
+def check_rest_units(recording: Recording, gravity: float | None) -> tuple[str, ...]:
+    """Return remarks on readings at rest that are not those of a sensor in these units.
+
+    Parameters
+    ----------
+    recording : Recording
+        Units of rate or acceleration, (n, m); its samples may be block means.
+    gravity : float or None
+        Local gravity, m/s²; None where readings hold no gravity, or the sensor is carried round.
+
+    Raises
+    ------
+    InputError
+        The accelerometers' readings cannot be gravity.
+    """
+    if gravity is None:
+        return ()
+    columns: dict[Quantity, list[int]] = {one: [] for one in QUANTITIES}
+    for k, unit in enumerate(recording.units):
+        columns[quantity_of(unit, recording.channels[k])].append(k)
+    found = columns["accelerometer"]
+    together = [found] if len(found) <= _TRIAD else [[k] for k in found]
+    remarks: list[str] = []
+    for group in filter(None, together):
+        norm = norm_at_rest(lambda rows, group=group: _in_si(recording, rows, group), recording)
+        if len(group) < _TRIAD and norm <= gravity:
+            continue
+        finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity))
+        if finding is None:
+            continue
+        if finding.severity == "refused":
+            raise InputError(
+                f"{recording.source or 'recording'}: {finding.message}; of a log by "
+                "--set sensor.accelerometer.unit=…",
+                file=recording.source or None,
+                key="[sensor.accelerometer] unit",
+            )
+        remarks.append(finding.message)
+    rates = [
+        (recording.channels[k], float(np.median(recording.data[:, k])) * si_factor(unit))
+        for k, unit in enumerate(recording.units)
+        if k in columns["gyro"]
+    ]
+    large = rate_finding([one for one in rates if abs(one[1]) > LARGEST_BIAS], "")
+    return (*remarks, *(() if large is None else (large.message,)))
+
+
+def _in_si(recording: Recording, rows: slice, columns: list[int]) -> Array:
+    sizes = np.array([si_factor(recording.units[k]) for k in columns])
+    return recording.data[rows][:, columns] * sizes
+
+
+def movement(recording: Recording) -> str:
+    """Return how a sensor moved in a recording that should be at rest; empty for one at rest.
+
+    Parameters
+    ----------
+    recording : Recording
+        Units of rate or acceleration, (n, m); its samples may be block means.
+    """
+    step = recording.median_step
+    count = len(recording.time)
+    size = max(1, round(min(WINDOW, step * count / _FEWEST) / step))
+    if count < 2 * size:
+        return ""
+    starts = (recording.time - recording.time[0])[: count // size * size : size]
+    found: dict[Quantity, list[_Windows]] = {one: [] for one in QUANTITIES}
+    for k, unit in enumerate(recording.units):
+        y = recording.data[: count // size * size, k] * si_factor(unit)
+        kind = quantity_of(unit, recording.channels[k])
+        found[kind].append(_windows(y.reshape(-1, size), step))
+    texts = (_turned_gravity(found["accelerometer"], starts), _turn(found["gyro"], starts))
+    return "; ".join(text for text in texts if text)
+
+
+class _Windows(NamedTuple):
+    """What counts of the windows of a channel: medians, their sd by white noise, angles."""
+
+    medians: Array
+    sd: float
+    angles: Array
+
+
+def _windows(y: Array, step: float) -> _Windows:
+    """Return the summary of windows, (w, n)."""
+    size = y.shape[1]
+    differences = float(np.median(np.abs(np.diff(y.ravel()))))
+    sd = _MEDIAN_SD * differences / (np.sqrt(2) * _MEDIAN_ABS) / np.sqrt(size)
+    # Of each window its own mean: a bias turns nothing.
+    angles = np.cumsum(y - y.mean(axis=1, keepdims=True), axis=1) * step
+    extent: Array = angles.max(axis=1) - angles.min(axis=1)
+    medians: Array = np.median(y, axis=1)
+    return _Windows(medians, float(sd), extent)
+
+
+def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
+    """Return how far the accelerometers' level leaves its median; empty where it stays."""
+    if not channels:
+        return ""
+    medians = np.stack([one.medians for one in channels], axis=1)
+    away = np.linalg.norm(medians - np.median(medians, axis=0), axis=1)
+    limit = max(_LARGEST_CHANGE, _DEVIATIONS * float(np.hypot.reduce([c.sd for c in channels])))
+    worst = int(np.argmax(away))
+    if away[worst] <= limit:
+        return ""
+    return (
+        f"the accelerometers read {away[worst] / G0:.2g} g from their median at "
+        f"{starts[worst]:.4g} s, and more than {limit / G0:.2g} g from it in "
+        f"{100 * np.count_nonzero(away > limit) / away.size:.0f} % of the time"
+    )
+
+
+def _turn(channels: list[_Windows], starts: Array) -> str:
+    """Return how far the gyros turn or change within 5 s; empty where they do neither."""
+    if not channels:
+        return ""
+    sd = float(np.hypot.reduce([one.sd for one in channels]))
+    medians = np.stack([one.medians for one in channels], axis=1)
+    changes = np.zeros(len(medians))
+    for lag in (1, 2):
+        apart = np.linalg.norm(medians[lag:] - medians[:-lag], axis=1)
+        changes[lag:] = np.maximum(changes[lag:], apart)
+    worst = int(np.argmax(changes))
+    if changes[worst] > max(LARGEST_TURN / WINDOW, _DEVIATIONS * sd):
+        return (
+            f"the gyros' rate changes by {np.degrees(changes[worst]):.3g} °/s within 10 s at "
+            f"{starts[worst]:.4g} s, which no bias does"
+        )
+    turns = np.linalg.norm([one.angles for one in channels], axis=0)
+    worst = int(np.argmax(turns))
+    if turns[worst] <= max(LARGEST_TURN, _DEVIATIONS * sd * WINDOW):
+        return ""
+    return f"the gyros turn by {np.degrees(turns[worst]):.3g}° within 5 s at {starts[worst]:.4g} s"
+
+
+def rounding_step(y: Array) -> float:
+    """Return the step to which readings are rounded, in their unit; 0 where none is seen."""
+    values = np.unique(y[:_LOOKED_AT])
+    if values.size < 2 or values.size > 0.5 * min(y.size, _LOOKED_AT):
+        return 0.0
+    gaps = np.diff(values)
+    # Values that differ by rounding of the arithmetic are one value.
+    gaps = gaps[gaps > 1e-9 * np.abs(values).max()]
+    if not gaps.size:
+        return 0.0
+    step = float(gaps.min())
+    off = np.abs(gaps / step - np.rint(gaps / step))
+    return step if off.max() < _EVEN * max(1.0, float((gaps / step).max())) else 0.0
+
+
+def noise_over_step(y: Array, step: float) -> float:
+    """Return the sd of the noise over the step, without that of the rounding, step²/12.
+
+    From the differences at several lags: those of neighbours are small behind a low-pass filter.
+    """
+    lags = [lag for lag in _LAGS if 2 * lag <= y.size]
+    variance = max(float(np.mean((y[lag:] - y[:-lag]) ** 2)) for lag in lags) / 2
+    return float(np.sqrt(max(variance / step**2 - 1 / 12, 0.0)))
+
+
+def check_rounding(parts: Sequence[Array], channel: str, source: str) -> tuple[str, ...]:
+    """Return remarks on the rounding of a channel's pieces.
+
+    Raises
+    ------
+    InputError
+        The noise is below 0.4 of a step, or the channel does not change at all.
+    """
+    where = f"{source or 'recording'}: channel {channel}"
+    longest = max(parts, key=len)
+    if not np.ptp(longest) > 0:
+        raise InputError(f"{where} does not change: it has no noise to analyse", names=(channel,))
+    step = rounding_step(longest)
+    if not step:
+        return ()
+    ratio = noise_over_step(longest, step)
+    if ratio < REFUSED:
+        raise InputError(
+            f"{where} is rounded to steps of which its noise is only {ratio:.2g}: below "
+            f"{REFUSED:g} rounding hides the noise; record with a finer resolution or a narrower "
+            "range",
+            file=source or None,
+            names=(channel,),
+        )
+    if ratio < WARNED:
+        return (f"noise of {ratio:.2g} rounding steps: N may be 1.2 times too large",)
+    return ()

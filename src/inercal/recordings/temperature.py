@@ -1,0 +1,237 @@
+"""Recorded temperatures: how a column states them, which are possible, their course and lag.
+
+Nothing is below 0 K, and no inertial sensor is calibrated outside −100 to 300 °C: such numbers are
+raw counts of a thermometer, °C that were declared as K, or a lost decimal point.
+
+A temperature sensor with the lag τ reads R while the sensing element is at T = R + τ dR/dt.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS, parse_quantity, to_si
+from inercal.recordings.samples import Recording
+
+LOWEST, HIGHEST = ZERO_CELSIUS - 100.0, ZERO_CELSIUS + 300.0  # K
+_LEAST_KELVIN = 213.0
+COUNTS = ("LSB", "V")  # units of a raw thermometer
+ALLOW = "[data] allow_temperature = true"
+
+
+class TemperatureReadout(NamedTuple):
+    """A column of temperatures: T = zero + size · value.
+
+    Parameters
+    ----------
+    unit : str
+        Of the values.
+    size : float
+        K for one unit.
+    zero : float
+        K at value 0.
+    allowed : bool
+        Whether temperatures outside −100 to 300 °C are accepted.
+    """
+
+    unit: str = "°C"
+    size: float = 1.0
+    zero: float = ZERO_CELSIUS
+    allowed: bool = False
+
+    def kelvin(self, values: Array) -> Array:
+        """Return values of the column in K."""
+        return self.zero + self.size * values
+
+    def values(self, kelvin: Array) -> Array:
+        """Return temperatures, K, in the unit of the column."""
+        return (kelvin - self.zero) / self.size
+
+    def possible_kelvin(
+        self, values: Array, column: str, place: Callable[[int], str], file: str = ""
+    ) -> Array:
+        """Return values of a column, (n,), in K; those that are not finite stay.
+
+        Parameters
+        ----------
+        values : (n,) array
+        column : str
+        place : callable
+            From the number of a row to its place in words.
+        file : str, optional
+
+        Raises
+        ------
+        InputError
+            A temperature that is not possible, with its place.
+        """
+        kelvin = self.kelvin(values)
+        row = first_impossible(kelvin, allowed=self.allowed)
+        if row is None:
+            return kelvin
+        where = f"{file} {place(row)}" if file else place(row)
+        own = "" if self.unit == "°C" else f"{values[row]:.6g} {self.unit}, which is "
+        raise InputError(
+            f"{where}: column {column!r} reads {own}"
+            f"{impossible_text(float(kelvin[row]))}: {self._advice(values)}",
+            file=file or None,
+            key="[data] temperature",
+            names=(column,),
+        )
+
+    def _advice(self, values: Array) -> str:
+        """Return what may be wrong with the values of a column."""
+        finite = values[np.isfinite(values)]
+        if first_impossible(finite + ZERO_CELSIUS) is None and self.unit != "°C":
+            return 'as °C they are possible: state temperature_unit = "°C"'
+        if self.unit in COUNTS:
+            return "check temperature_scale and temperature_zero"
+        if np.all(finite == np.rint(finite)):
+            return (
+                'raw counts need temperature_unit = "LSB", with temperature_scale, such as '
+                '"340 LSB/K", and temperature_zero, such as "36.53 °C"'
+            )
+        return "check its decimal point, and temperature_unit"
+
+
+CELSIUS = TemperatureReadout()
+
+
+def temperature_readout(
+    unit: str = "°C",
+    scale: str | None = None,
+    zero: str | None = None,
+    *,
+    allowed: bool = False,
+) -> TemperatureReadout:
+    """Return the readout of a column of temperatures.
+
+    Parameters
+    ----------
+    unit : str
+    scale, zero : str or None
+        Of raw counts or volts: "340 LSB/K", and the temperature at 0, "36.53 °C".
+    allowed : bool
+
+    Raises
+    ------
+    InputError
+        A unit that is no temperature, or counts without scale and zero.
+    """
+    if unit not in COUNTS:
+        for key, value in (("temperature_scale", scale), ("temperature_zero", zero)):
+            if value is not None:
+                raise InputError(
+                    f"[data] {key} is for raw counts: state temperature_unit = "
+                    f'"LSB" or "V", or remove {key}',
+                    key=f"[data] {key}",
+                )
+        at_zero, one = to_si(np.array([0.0, 1.0]), unit, "K").tolist()
+        return TemperatureReadout(unit, one - at_zero, at_zero, allowed)
+    if scale is None or zero is None:
+        key = "[data] temperature_scale" if scale is None else "[data] temperature_zero"
+        raise InputError(
+            f"{key} is missing: a thermometer in {unit} needs temperature_scale, such as "
+            f'"340 {unit}/K", and temperature_zero, the temperature at 0, such as "36.53 °C"',
+            key=key,
+        )
+    per_kelvin = _value(scale, f"{unit}/K", "temperature_scale")
+    if per_kelvin == 0:
+        raise InputError(
+            "[data] temperature_scale is 0; give another number", key="[data] temperature_scale"
+        )
+    return TemperatureReadout(unit, 1 / per_kelvin, _value(zero, "K", "temperature_zero"), allowed)
+
+
+def _value(text: str, like: str, key: str) -> float:
+    try:
+        return parse_quantity(text, like).value
+    except InputError as error:
+        raise error.located(f"[data] {key}", key=f"[data] {key}") from None
+
+
+def first_impossible(kelvin: Array, *, allowed: bool = False) -> int | None:
+    """Return the place of the first temperature, (n,) K, that is not possible; None if all are.
+
+    Parameters
+    ----------
+    kelvin : (n,) array
+        Values that are not finite are not judged.
+    allowed : bool
+        Whether temperatures outside −100 to 300 °C are accepted; below 0 K none is.
+    """
+    bad = kelvin < 0
+    if not allowed:
+        bad |= (kelvin < LOWEST) | (kelvin > HIGHEST)
+    bad &= np.isfinite(kelvin)
+    return int(np.argmax(bad)) if bad.any() else None
+
+
+def seems_kelvin(values: Array) -> bool:
+    """Return whether temperatures, (n,), are those of a bench in K, from −60 °C on."""
+    finite = values[np.isfinite(values)]
+    if not finite.size or first_impossible(finite) is not None:
+        return False
+    return float(finite.min()) >= _LEAST_KELVIN
+
+
+def impossible_text(kelvin: float, remedy: str = ALLOW) -> str:
+    """Return a temperature and why it is not possible, in words, with what would allow it."""
+    celsius = f"{kelvin - ZERO_CELSIUS:.6g} °C"
+    if kelvin < 0:
+        return f"{celsius}, below absolute zero"
+    return f"{celsius}, outside −100 to 300 °C ({remedy} accepts it)"
+
+
+SMOOTHING = 8.0  # s; longer would bias lags of 20 s, shorter leaves the sensor's noise in the rate
+TEMPERATURE_VARIATION = 0.5  # K; a smaller variation counts as constant temperature
+
+
+def temperature_varies(kelvin: Array | None) -> bool:
+    """Return whether temperatures, (..., n) K, differ by more than `TEMPERATURE_VARIATION`."""
+    if kelvin is None:
+        return False
+    return float(np.ptp(kelvin, axis=-1).max(initial=0.0)) > TEMPERATURE_VARIATION
+
+
+def temperature_rate(time: Array, kelvin: Array) -> Array:
+    """Return the time derivative of a temperature, (..., n) K/s, smoothed over `SMOOTHING`.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    kelvin : (..., n) array
+        K.
+    """
+    if time.size < 2:
+        return np.zeros(kelvin.shape)
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    half = int(min(SMOOTHING / 4 / step, (time.size - 1) / 4))
+    return np.gradient(_box(_box(kelvin, half), half), time, axis=-1)
+
+
+def ahead_of_lag(recording: Recording, lag: float) -> Recording:
+    """Return a recording with the temperature of the sensing element, R + τ dR/dt, for a lag, s."""
+    kelvin = recording.temperature
+    if kelvin is None or not lag:
+        return recording
+    return replace(recording, temperature=kelvin + lag * temperature_rate(recording.time, kelvin))
+
+
+def _box(values: Array, half: int) -> Array:
+    """Return means over 2 half + 1 samples; beyond the ends the course goes on evenly."""
+    if half < 1:
+        return values
+    first, last = values[..., :1], values[..., -1:]
+    before = 2 * first - values[..., half:0:-1]
+    after = 2 * last - values[..., -2 : -half - 2 : -1]
+    middle = values.mean(axis=-1, keepdims=True)
+    padded = np.concatenate([before, values, after], axis=-1) - middle
+    total = np.cumsum(np.concatenate([np.zeros_like(first), padded], axis=-1), axis=-1)
+    width = 2 * half + 1
+    return middle + (total[..., width:] - total[..., :-width]) / width
