@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.fleet import engine_cost
 
 import inercal
-from inercal.calibration.files import as_object, canonical_text
+from inercal.calibration.files import calibration_object, canonical_text
 from inercal.fleet import results
 from inercal.fleet.inputs import INSTALLED
 from inercal.fleet.line import Line, SensorRow
@@ -67,7 +67,7 @@ def _parts(line: Line) -> Iterator[list[dict[str, object]]]:
                 values=first.values + first.std * rng.standard_normal(first.values.size),
                 provenance={**first.provenance, "recording sha256": f"{k:064x}"},
             )
-            text = canonical_text(as_object(one))
+            text = canonical_text(calibration_object(one))
             row: dict[str, object] = {"key": str(k), "id": one.sensor.name, "table": []}
             row |= {"status": results.DONE, "created": "2026-01-01T00:00:00+00:00"}
             row |= {"sections_sha256": line.digest(line.rows[k]), "inercal": INSTALLED}

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inercal.calibration import grade, verdict_object
+from inercal.calibration import grade
 from inercal.calibration.verdict import verdict
+from inercal.calibration.verdict_object import VerdictRecord, recorded_verdict, verdict_object
 from inercal.estimation import Candidate, Estimate, ModelTest, Problem, least_squares
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
@@ -166,10 +167,10 @@ def test_false_alarms_are_one_per_cent_at_most() -> None:
 def test_a_verdict_survives_json() -> None:
     rounded = RoundedChannel("gx", 3.5e-4, 0.1, False, 1e-4)
     one = replace(graded(estimate(8.0)), rounding=(rounded,))
-    written = json.loads(json.dumps(verdict_object.as_object(one)))
+    written = json.loads(json.dumps(verdict_object(one)))
     assert written["rounding"][0]["channel"] == "gx"
     assert written["advice"]
     assert all(set(each) == {"reason", "changes", "action", "chi2"} for each in written["advice"])
-    read = verdict_object.from_object(written, one.lines)
-    assert verdict_object.as_object(read) == written
+    read = recorded_verdict(VerdictRecord.model_validate(written), one.lines)
+    assert verdict_object(read) == written
     assert (read.grade, read.lines, read.reasons) == (one.grade, one.lines, one.reasons)

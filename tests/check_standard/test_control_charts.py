@@ -10,10 +10,11 @@ from tests.check_standard.history import checked_sessions, day
 from tests.refusals import refused
 from tests.repeatability.laboratory import MICRO, NAMES, Laboratory
 
+from inercal.basics.documents import document_text
 from inercal.basics.errors import InputError
 from inercal.calibration.check_standard import load_check_standard
 from inercal.laboratory.check_standard import control_charts
-from inercal.laboratory.check_standard.chart_files import to_text
+from inercal.laboratory.check_standard.chart_files import control_charts_object
 from inercal.laboratory.check_standard.chart_texts import control_lines
 
 STEP = np.where(np.array(NAMES) == "ax.k0", 400 * MICRO, 0.0)
@@ -103,7 +104,7 @@ def test_a_cusum_in_place_of_the_ewma_finds_a_small_lasting_change(tmp_path: Pat
     assert any("ax.k0" in one.get("CUSUM", ()) for one in signals)
     assert not any("EWMA" in one for one in signals)
     assert all(name == "ax.k0" for one in signals for name in one.get("CUSUM", ()))
-    stored = json.loads(to_text(found))
+    stored = json.loads(document_text(control_charts_object(found)))
     assert stored["lasting"] == "CUSUM"
     k = NAMES.index("ax.k0")
     assert stored["points"][-1]["cusum"][k] > stored["coefficients"][k]["cusum_limit"]
@@ -139,7 +140,8 @@ def test_the_file_says_of_a_day_what_the_charts_say(tmp_path: Path):
     rng = np.random.default_rng(2)
     sessions = checked_sessions(Laboratory(), 40, rng, shift=STEP, shifted=(30, 36))
     file = tmp_path / "TRIAD-1.control.json"
-    file.write_text(to_text(control_charts(sessions, restarts=[day(36)])), encoding="utf-8")
+    charts = control_charts(sessions, restarts=[day(36)])
+    file.write_text(document_text(control_charts_object(charts)), encoding="utf-8")
     found = load_check_standard(file)
 
     def warnings(number: int, longest: float | None = None) -> tuple[str, ...]:

@@ -10,11 +10,12 @@ from tests.program import run_program
 from tests.repeatability.laboratory import KIND, MICRO, NAMES, Laboratory, draw, rotation
 from tests.repeatability.sessions import sessions_of
 
+from inercal.basics.documents import document_text
 from inercal.calibration.comparison import compare
 from inercal.calibration.comparison.run_to_run import RunScatter, against_scatter
 from inercal.calibration.files import save
 from inercal.laboratory.repeatability import repeat
-from inercal.laboratory.repeatability.files import to_text
+from inercal.laboratory.repeatability.files import repeatability_object
 from inercal.laboratory.store import Register
 
 TURN_ON = np.array([60.0, 30.0, 0.0])[KIND] * MICRO
@@ -69,7 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             found = replace(found, values=found.values + STEP * (np.arange(12) == 0))
         when = {"created": f"2026-01-{k + 1:02d}T08:00:00+00:00", "recording sha256": f"{k:064x}"}
         save(replace(found, provenance=when), folder / f"{k}.calibration.json")
-    text = to_text(repeat(sessions[:6]))
+    text = document_text(repeatability_object(repeat(sessions[:6])))
     (folder / "TRIAD-1.repeatability.json").write_text(text, encoding="utf-8")
     with Register(str(folder / "register.db")) as register:
         register.enter_calibrations(sorted(folder.glob("*.calibration.json")))

@@ -21,7 +21,7 @@ from tests.refusals import refused
 
 import inercal
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.calibration.files import as_object
+from inercal.calibration.files import calibration_object
 from inercal.cli.export_command import default_path
 from inercal.export import TARGETS, export_calibration
 from inercal.export.model import parse_axes
@@ -39,7 +39,7 @@ def test_every_file_states_formula_frame_units_source_and_losses(to: str):
         calibration, to, options=OPTIONS.get(to), source="a/x.calibration.json"
     )
     header = "\n".join(made.header)
-    sha256 = as_object(calibration)["sha256"]
+    sha256 = calibration_object(calibration)["sha256"]
     for word in (
         sha256,
         "x.calibration.json",

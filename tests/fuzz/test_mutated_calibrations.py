@@ -17,7 +17,7 @@ from tests.program import run_program
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.basics.errors import InercalError
-from inercal.calibration.files import as_object, load
+from inercal.calibration.files import calibration_object, load
 
 # As `json.dumps` writes them; a calibration holds none of them where a test puts it by chance.
 VALUES = (
@@ -125,7 +125,7 @@ def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, c
             seen["refused"] += 1
             expected = 2
         else:
-            again = as_object(read)
+            again = calibration_object(read)
             for key in ("schema", "sha256"):
                 del again[key]
             if again.get("verdict"):

@@ -15,7 +15,7 @@ from tests.refusals import refused
 
 from inercal.benches.qualification import Qualification
 from inercal.benches.qualification.input_file import qualify
-from inercal.benches.qualification.qualification_file import as_object, load, save
+from inercal.benches.qualification.qualification_file import load, qualification_object, save
 from inercal.benches.qualification.succession import drift_between
 from inercal.calibration import SharedError, shared_errors
 from inercal.calibration.files import load as load_calibration
@@ -237,7 +237,7 @@ def test_a_file_that_was_changed_by_hand_is_refused(folder: Path):
     path.write_text(json.dumps(content), encoding="utf-8")
     with refused(file="head.qualification.json"):
         load(path)
-    content = as_object(load(folder / "rate.qualification.json"))
+    content = qualification_object(load(folder / "rate.qualification.json"))
     del content["covariance"]
     path.write_text(json.dumps(content), encoding="utf-8")
     with refused(file="head.qualification.json"):

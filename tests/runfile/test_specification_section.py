@@ -10,7 +10,7 @@ from tests.runfile.key_sweep import EXAMPLES, Content, example, toml
 from tests.runfile.run_file_texts import FERRARIS
 
 from inercal.basics.errors import InputError
-from inercal.calibration.files import as_object, canonical_text, load, parse, save
+from inercal.calibration.files import calibration_object, canonical_text, load, parse, save
 from inercal.calibration.specification import Conformity, conformity_lines
 from inercal.physics.sensors import G0
 from inercal.pipeline import calibrate
@@ -144,7 +144,7 @@ def test_conformity_is_in_file_report_and_lines(tmp_path: Path):
     assert len(calibration.conformity.limits) == 12
     again = load(save(calibration, tmp_path / "a.calibration.json"))
     assert again.conformity == calibration.conformity
-    assert as_object(again) == as_object(calibration)
+    assert calibration_object(again) == calibration_object(calibration)
     assert len(conformity_lines(calibration)) == 1
     assert calibration_page(outcome, None).count("<td>pass</td>") == 12
     assert calibration.in_frame("triangular").conformity is None
@@ -160,7 +160,7 @@ def test_limits_of_a_result_that_is_not_to_be_relied_on_are_in_doubt():
 
 def test_a_file_whose_conformity_contradicts_its_rule_is_refused(tmp_path: Path):
     calibration = calibrate(EXAMPLES / "six_position" / "specification.toml").calibration
-    content = as_object(calibration)
+    content = calibration_object(calibration)
     del content["sha256"]
     for key, value in (("factor", -1.0), ("result", "perhaps"), ("rule", "lenient")):
         changed = content | {"conformity": content["conformity"] | {key: value}}

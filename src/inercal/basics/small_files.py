@@ -13,14 +13,9 @@ import stat
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, cast
 
 from inercal.basics.errors import InputError
-
-if TYPE_CHECKING:
-    from pydantic import BaseModel
-
-    Content = TypeVar("Content", bound=BaseModel)
 
 # Windows has no FIFO to wait for, and would translate the ends of lines.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -259,32 +254,3 @@ def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> No
             )
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
         raise InputError(f"{path}: column {twice[0]!r} comes twice", file=path, names=(twice[0],))
-
-
-def read_result_file(path: Path, model: "type[Content]", verb: str) -> "Content":
-    """Return the checked content of a JSON file that a verb of inercal wrote.
-
-    Parameters
-    ----------
-    path : Path
-    model : type
-        The pydantic model of the content.
-    verb : str
-        "inercal repeat", for messages.
-
-    Raises
-    ------
-    InputError
-        No such file, or not such a file.
-    """
-    from pydantic import ValidationError
-
-    text = read_small_file(path, f"file of {verb}")
-    try:
-        return model.model_validate_json(text)
-    except ValidationError as error:
-        where = ".".join(map(str, error.errors()[0]["loc"])) or "the whole file"
-        raise InputError(
-            f"{path}: {where}: {error.errors()[0]['msg']}; give a file that {verb} wrote",
-            file=path,
-        ) from None

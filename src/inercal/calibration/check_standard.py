@@ -14,8 +14,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, Field
 
+from inercal.basics.documents import read_document
 from inercal.basics.errors import InputError
-from inercal.basics.small_files import read_result_file
 from inercal.calibration.grade import Verdict
 
 SCHEMA = "inercal/control/1"
@@ -155,7 +155,7 @@ def load_check_standard(path: Path) -> CheckStandard:
     InputError
         No such file, or not such a file.
     """
-    found = read_result_file(path, _File, "inercal control")
+    found = read_document(path, _File, "inercal control")
     return CheckStandard(path.name, found.sensor.name, found.reference.until, found.points)
 
 

@@ -14,6 +14,7 @@ import json
 import re
 from dataclasses import asdict
 from functools import lru_cache
+from math import inf
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,17 +22,15 @@ import numpy as np
 from pydantic_core import from_json, to_json
 
 from inercal.basics.atomic_files import atomic_write
+from inercal.basics.documents import document_text, record_object
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.small_files import read_small_file
-from inercal.calibration import (
-    Calibration,
-    SharedError,
-    Validity,
-    specification,
-    verdict_object,
-)
+from inercal.calibration import Calibration, SharedError, Validity
 from inercal.calibration.bench_estimates import BenchEstimate
-from inercal.calibration.file_schema import require_valid
+from inercal.calibration.file_schema import CalibrationRecord, ConformityRecord, checked_record
+from inercal.calibration.specification import Conformity, LimitResult, conformity_object
+from inercal.calibration.verdict_object import recorded_verdict, verdict_object
+from inercal.estimation.uncertainty.conformity import DecisionRule
 from inercal.physics.sensors import SI_UNITS, Axis, Readout, Sensor
 
 SCHEMA = "inercal/calibration/2"
@@ -40,7 +39,7 @@ _NOT_JSON = "it is not JSON text; give a *.calibration.json file"
 _LARGEST = 16 << 20  # bytes; 24 coefficients need some 20 kilobytes
 
 
-def as_object(calibration: Calibration) -> dict[str, Any]:
+def calibration_object(calibration: Calibration) -> dict[str, Any]:
     """Return the calibration as the JSON object of its file."""
     sensor = calibration.sensor
     units = [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
@@ -76,7 +75,7 @@ def as_object(calibration: Calibration) -> dict[str, Any]:
         "notes": list(calibration.notes),
     }
     if calibration.verdict is not None:
-        content["verdict"] = verdict_object.as_object(calibration.verdict)
+        content["verdict"] = verdict_object(calibration.verdict)
     if calibration.shared is not None:
         content["shared"] = [_shared_object(one) for one in calibration.shared]
     if calibration.validity is not None:
@@ -85,9 +84,9 @@ def as_object(calibration: Calibration) -> dict[str, Any]:
     if calibration.job:
         content["job"] = dict(calibration.job)
     if calibration.bench_estimates is not None:
-        content["bench_estimates"] = [asdict(one) for one in calibration.bench_estimates]
+        content["bench_estimates"] = record_object(calibration.bench_estimates)
     if calibration.conformity is not None:
-        content["conformity"] = specification.as_object(calibration.conformity)
+        content["conformity"] = conformity_object(calibration.conformity)
     return content | {"sha256": _hash(content)}
 
 
@@ -123,8 +122,7 @@ def _is_proven(text: str, stated: object) -> bool:
 def save(calibration: Calibration, path: str | Path) -> Path:
     """Write the calibration completely or not at all; return the path."""
     with atomic_write(Path(path)) as temporary:
-        text = json.dumps(as_object(calibration), indent=1, ensure_ascii=False, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+        temporary.write_text(document_text(calibration_object(calibration)), encoding="utf-8")
     return Path(path)
 
 
@@ -195,8 +193,7 @@ def parse(text: str, source: str) -> Calibration:
             key="sha256",
         )
     try:
-        require_valid(fields)
-        return _from_object(fields)
+        return _recorded(checked_record(fields), fields)
     except InercalError as error:
         raise InputError(
             f"{source}: broken calibration file: {error}; calibrate again or restore it",
@@ -257,32 +254,56 @@ def _refuse_constant(word: str) -> float:
     raise InputError(f"{word} is not a JSON number")
 
 
-def _from_object(content: dict[str, Any]) -> Calibration:
-    coefficients = content["coefficients"]
+def _recorded(record: CalibrationRecord, content: dict[str, Any]) -> Calibration:
+    """Return the calibration of a file: its checked record, and the content as it was read."""
+    coefficients, notes, shared = record.coefficients, tuple(record.notes), record.shared
     sensor = _sensor(
-        to_json(content["sensor"]), tuple((one["name"], one["unit"]) for one in coefficients)
+        to_json(content["sensor"]), tuple((one.name, one.unit) for one in coefficients)
     )
-    notes, judged = tuple(content["notes"]), content.get("verdict")
-    shared, validity = content.get("shared"), content.get("validity")
-    conformity, bench_estimates = content.get("conformity"), content.get("bench_estimates")
+    conformity, bench_estimates = record.conformity, record.bench_estimates
     return Calibration(
         sensor,
-        np.array([one["value"] for one in coefficients], dtype=float),
-        np.array(content["covariance"], dtype=float),
-        content["method"],
-        content["estimator"],
-        content["conditions"],
-        content["provenance"],
+        np.array([one.value for one in coefficients], dtype=float),
+        np.array(record.covariance, dtype=float),
+        record.method,
+        record.estimator,
+        record.conditions,
+        record.provenance,
         notes,
-        content["frame"],
-        np.array(content["mount"], dtype=float),
-        None if judged is None else verdict_object.from_object(judged, notes),
-        None if shared is None else tuple(map(_shared_error, shared)),
-        None if validity is None else Validity(**{k: _range(v) for k, v in validity.items()}),
-        content.get("job", {}),
-        None if conformity is None else specification.from_object(conformity),
-        None if bench_estimates is None else tuple(map(_bench_estimate, bench_estimates)),
+        record.frame,
+        np.array(record.mount, dtype=float),
+        None if record.verdict is None else recorded_verdict(record.verdict, notes),
+        None
+        if shared is None
+        else tuple(
+            SharedError(
+                covariance=np.array(one.covariance, dtype=float),
+                **one.model_dump(exclude={"covariance"}),
+            )
+            for one in shared
+        ),
+        None
+        if record.validity is None
+        else Validity(**{name: (ends[0], ends[1]) for name, ends in record.validity.items()}),
+        record.job,
+        None if conformity is None else _recorded_conformity(conformity),
+        None
+        if bench_estimates is None
+        else tuple(BenchEstimate(**vars(one)) for one in bench_estimates),
     )
+
+
+def _recorded_conformity(record: ConformityRecord) -> Conformity:
+    limits = tuple(
+        LimitResult(
+            lower=-inf if one.lower is None else one.lower,
+            upper=inf if one.upper is None else one.upper,
+            **one.model_dump(exclude={"lower", "upper"}),
+        )
+        for one in record.limits
+    )
+    rule = DecisionRule(record.rule, record.factor)
+    return Conformity(rule, limits, record.probability, record.uncertainty)
 
 
 @lru_cache(maxsize=16)  # a register holds thousands of calibrations of one sensor
@@ -306,21 +327,3 @@ def _sensor(described: bytes, coefficients: tuple[tuple[str, str], ...]) -> Sens
                 names=(name,),
             )
     return sensor
-
-
-def _shared_error(content: dict[str, Any]) -> SharedError:
-    column = np.array(content["covariance"], dtype=float)
-    date = content["date"]
-    name, unit, determination = (content[key] for key in ("name", "unit", "determination"))
-    return SharedError(name, unit, float(content["std"]), column, determination, date)
-
-
-def _bench_estimate(content: dict[str, Any]) -> BenchEstimate:
-    name, unit, meaning = (content[key] for key in ("name", "unit", "meaning"))
-    numbers = (content[key] for key in ("value", "std", "own_std", "stated", "stated_std"))
-    return BenchEstimate(name, unit, meaning, *map(float, numbers))
-
-
-def _range(ends: list[float]) -> tuple[float, float]:
-    least, largest = ends
-    return float(least), float(largest)

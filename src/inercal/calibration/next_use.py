@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from inercal.basics.arrays import Array
+from inercal.basics.documents import read_document
 from inercal.basics.errors import InputError
-from inercal.basics.small_files import read_result_file
 
 SCHEMA = "inercal/repeatability/1"
 _Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -98,7 +98,7 @@ def load_next_use(path: Path) -> NextUseScatter:
     InputError
         No such file, or not such a file.
     """
-    found = read_result_file(path, _File, "inercal repeat")
+    found = read_document(path, _File, "inercal repeat")
     names = tuple(one.name for one in found.coefficients)
     covariance = _square(path, "scatter", found.scatter, len(names))
     run_to_run = covariance

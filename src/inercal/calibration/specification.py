@@ -7,12 +7,13 @@ all do with 79 % where they are independent.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.documents import record_object
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.next_use import NextUseScatter
 from inercal.estimation.uncertainty.conformity import (
@@ -215,7 +216,7 @@ def probability_text(probability: float) -> str:
     return f"{100 * probability:.4g} %"
 
 
-def as_object(conformity: Conformity) -> dict[str, Any]:
+def conformity_object(conformity: Conformity) -> dict[str, Any]:
     """Return the conformity as JSON, SI; a limit that is not there is null."""
     return {
         "rule": conformity.rule.name,
@@ -223,31 +224,5 @@ def as_object(conformity: Conformity) -> dict[str, Any]:
         "uncertainty": conformity.uncertainty,
         "result": conformity.result,
         "probability": conformity.probability,
-        "limits": [
-            vars(one)
-            | {
-                "lower": one.lower if isfinite(one.lower) else None,
-                "upper": one.upper if isfinite(one.upper) else None,
-            }
-            for one in conformity.limits
-        ],
+        "limits": record_object(conformity.limits),
     }
-
-
-def from_object(content: Mapping[str, Any]) -> Conformity:
-    """Return the conformity of a calibration file."""
-    limits = tuple(
-        LimitResult(
-            one["name"],
-            -inf if one["lower"] is None else float(one["lower"]),
-            inf if one["upper"] is None else float(one["upper"]),
-            float(one["value"]),
-            float(one["std"]),
-            float(one["guard"]),
-            one["result"],
-            float(one["probability"]),
-        )
-        for one in content["limits"]
-    )
-    rule = DecisionRule(content["rule"], float(content["factor"]))
-    return Conformity(rule, limits, float(content["probability"]), content["uncertainty"])

@@ -1,151 +1,193 @@
 """A verdict as JSON, in calibration files and for `--json`: sizes in SI."""
 
-from typing import Any
+from math import nan
+from typing import Any, cast
 
-import numpy as np
+from pydantic import Field
 
+from inercal.basics.documents import Count, Measured, Positive, Record, record_object
 from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
+from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel
 
 
-def as_object(verdict: Verdict) -> dict[str, Any]:
+class _Test(Record):
+    name: str
+    chi2: Measured
+    dof: Count
+    p_value: Measured
+    p_among_all: Measured
+
+
+class _Component(Record):
+    name: str
+    value: Measured
+    std: Measured
+    unit: str
+
+
+class _Shift(Record):
+    coefficient: str
+    in_U: Measured
+
+
+class _Remaining(Record):
+    chi2: Measured
+    dof: Count
+    p_value: Measured
+
+
+class _Change(Record):
+    section: str
+    key: str
+    value: str | float | int | bool | list[str]
+
+
+class _Advice(Record):
+    reason: str
+    changes: list[_Change]
+    action: str
+    chi2: float | None
+
+
+class _Cause(Record):
+    name: str
+    kind: str
+    components: list[_Component]
+    chi2: Measured
+    dof: Count
+    p_value: Measured
+    remaining: _Remaining | None = None
+    largest_shift: _Shift
+    not_told_from: list[str]
+
+
+class _NoiseFactor(Record):
+    what: str
+    channel: str | None
+    factor: Measured
+
+
+class _RoundedChannel(Record):
+    channel: str
+    step: Positive
+    noise: float
+    dead_band: bool
+    std: Positive
+
+
+class VerdictRecord(Record):
+    """The verdict of a calibration file; those of earlier versions lack fields with a default."""
+
+    grade: str
+    word: str = ""
+    reasons: list[str]
+    tests: list[_Test]
+    suspect: _Cause | None
+    best_cause: _Cause | None = None
+    advice: list[_Advice] = Field(default_factory=list[_Advice])
+    scatter: Measured = nan
+    noise: list[_NoiseFactor] = Field(default_factory=list[_NoiseFactor])
+    rounding: list[_RoundedChannel] | None = None
+
+
+def verdict_object(verdict: Verdict) -> dict[str, Any]:
     """Return the verdict as JSON; sizes in SI."""
-    return {
+    content: dict[str, Any] = {
         "grade": verdict.grade,
         "word": verdict.word,
-        "reasons": list(verdict.reasons),
+        "reasons": verdict.reasons,
         "tests": [
             {
                 "name": test.name,
-                "chi2": _number(test.statistic),
+                "chi2": test.statistic,
                 "dof": test.dof,
-                "p_value": _number(test.p_value),
-                "p_among_all": _number(test.adjusted),
+                "p_value": test.p_value,
+                "p_among_all": test.adjusted,
             }
             for test in verdict.tests
         ],
-        "suspect": _cause_as_object(verdict.suspect),
-        "best_cause": _cause_as_object(verdict.best),
-        "advice": [
-            {
-                "reason": one.reason,
-                "changes": [
-                    {"section": c.section, "key": c.key, "value": c.value} for c in one.changes
-                ],
-                "action": one.action,
-                "chi2": one.chi2,
-            }
-            for one in verdict.advice
-        ],
-        "scatter": _number(verdict.scatter),
-        "noise": [
-            {"what": one.what, "channel": one.channel, "factor": _number(one.factor)}
-            for one in verdict.noise
-        ],
-    } | _rounding_object(verdict)
+        "suspect": _cause_object(verdict.suspect),
+        "best_cause": _cause_object(verdict.best),
+        "advice": verdict.advice,
+        "scatter": verdict.scatter,
+        "noise": verdict.noise,
+    }
+    if verdict.rounding:
+        content["rounding"] = verdict.rounding
+    return record_object(content)
 
 
-def _rounding_object(verdict: Verdict) -> dict[str, Any]:
-    """Return the rounded channels; nothing where there are none."""
-    channels = [one._asdict() for one in verdict.rounding]
-    return {"rounding": channels} if channels else {}
-
-
-def _cause_as_object(one: SuspectedCause | None) -> dict[str, Any] | None:
+def _cause_object(one: SuspectedCause | None) -> dict[str, Any] | None:
     return None if one is None else {
         "name": one.name,
         "kind": one.kind,
         "components": [
-            {"name": name, "value": _number(size), "std": _number(sd), "unit": unit}
+            {"name": name, "value": size, "std": sd, "unit": unit}
             for name, size, sd, unit in zip(
                 one.components, one.sizes, one.sds, one.units, strict=True
             )
         ],
-        "chi2": _number(one.chi2),
+        "chi2": one.chi2,
         "dof": one.dof,
-        "p_value": _number(one.adjusted),
+        "p_value": one.adjusted,
         "remaining": {
-            "chi2": _number(one.remaining_chi2),
+            "chi2": one.remaining_chi2,
             "dof": one.remaining_dof,
-            "p_value": _number(one.remaining_p_value),
+            "p_value": one.remaining_p_value,
         },
-        "largest_shift": {"coefficient": one.shifted_coefficient, "in_U": _number(one.shift)},
-        "not_told_from": list(one.indistinguishable),
+        "largest_shift": {"coefficient": one.shifted_coefficient, "in_U": one.shift},
+        "not_told_from": one.indistinguishable,
     }  # fmt: skip
 
 
-def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
+def recorded_verdict(record: VerdictRecord, lines: tuple[str, ...]) -> Verdict:
     """Return the verdict of a calibration file; `lines` are its notes."""
-    grade = content["grade"]
-    if grade not in GRADE_WORDS:
-        raise InputError(f"verdict {grade!r} is not one of {', '.join(GRADE_WORDS)}")
-    tests = tuple(
-        HypothesisTest(
-            t["name"], _float(t["chi2"]), t["dof"], _float(t["p_value"]), _float(t["p_among_all"])
-        )
-        for t in content["tests"]
-    )
-    suspect = _cause_from_object(content["suspect"])
-    # Files of earlier versions state no best cause, no advice, no scatter and no noise factors.
-    best = _cause_from_object(content["best_cause"]) if "best_cause" in content else suspect
-    advice = tuple(
-        Advice(
-            one["reason"],
-            tuple(Change(c["section"], c["key"], c["value"]) for c in one["changes"]),
-            one["action"],
-            one["chi2"],
-        )
-        for one in content.get("advice", [])
-    )
-    scatter = _float(content.get("scatter"))
-    noise = tuple(
-        NoiseFactor(one["what"], one["channel"], _float(one["factor"]))
-        for one in content.get("noise", ())
-    )
-    rounding = tuple(RoundedChannel(**channel) for channel in content.get("rounding") or ())
+    if record.grade not in GRADE_WORDS:
+        raise InputError(f"verdict {record.grade!r} is not one of {', '.join(GRADE_WORDS)}")
+    suspect = _recorded_cause(record.suspect)
+    # Files of earlier versions state no best cause.
+    states_best = "best_cause" in record.model_fields_set
     return Verdict(
-        grade,
-        tuple(content["reasons"]),
+        record.grade,
+        tuple(record.reasons),
         lines,
-        tests,
+        tuple(
+            HypothesisTest(t.name, t.chi2, t.dof, t.p_value, t.p_among_all) for t in record.tests
+        ),
         suspect,
-        best,
-        advice,
-        scatter,
-        noise,
-        rounding,
+        _recorded_cause(record.best_cause) if states_best else suspect,
+        tuple(
+            Advice(a.reason, tuple(Change(**vars(c)) for c in a.changes), a.action, a.chi2)
+            for a in record.advice
+        ),
+        record.scatter,
+        tuple(NoiseFactor(**vars(one)) for one in record.noise),
+        tuple(RoundedChannel(**vars(one)) for one in record.rounding or ()),
     )
 
 
-def _cause_from_object(one: dict[str, Any] | None) -> SuspectedCause | None:
+def _recorded_cause(one: _Cause | None) -> SuspectedCause | None:
     if one is None:
         return None
-    left = one.get("remaining", {"chi2": None, "dof": 0, "p_value": 1.0})
+    left = one.remaining or _Remaining.model_construct(chi2=nan, dof=0, p_value=1.0)
     return SuspectedCause(
-        one["name"],
-        one["kind"],
-        tuple(c["name"] for c in one["components"]),
-        tuple(c["unit"] for c in one["components"]),
-        tuple(_float(c["value"]) for c in one["components"]),
-        tuple(_float(c["std"]) for c in one["components"]),
-        _float(one["chi2"]),
-        one["dof"],
-        _float(one["p_value"]),
-        _float(left["chi2"]),
-        left["dof"],
-        _float(one["largest_shift"]["in_U"]),
-        one["largest_shift"]["coefficient"],
-        tuple(one["not_told_from"]),
-        _float(left["p_value"]),
+        name=one.name,
+        kind=cast("CandidateKind", one.kind),
+        components=tuple(c.name for c in one.components),
+        units=tuple(c.unit for c in one.components),
+        sizes=tuple(c.value for c in one.components),
+        sds=tuple(c.std for c in one.components),
+        chi2=one.chi2,
+        dof=one.dof,
+        adjusted=one.p_value,
+        remaining_chi2=left.chi2,
+        remaining_dof=left.dof,
+        shift=one.largest_shift.in_U,
+        shifted_coefficient=one.largest_shift.coefficient,
+        indistinguishable=tuple(one.not_told_from),
+        remaining_p_value=left.p_value,
     )
-
-
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
-def _float(value: float | None) -> float:
-    return np.nan if value is None else float(value)

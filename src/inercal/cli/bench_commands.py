@@ -136,7 +136,7 @@ def _complete_run(
     answers: Path | None,
 ) -> None:
     """Carry out the remaining steps of a run, finish it, and enter it in a register, if any."""
-    from inercal.calibration.files import as_object
+    from inercal.calibration.files import calibration_object
     from inercal.host.registration import RegisterSync
     from inercal.host.run_execution import finish_run
 
@@ -153,7 +153,7 @@ def _complete_run(
     finally:
         _enter_run(register_sync)
     if json:
-        print_json(as_object(outcome.calibration) | files)
+        print_json(calibration_object(outcome.calibration) | files)
     else:
         print_coefficients(outcome, folder.run.truth)
         print_written_files(files.values())

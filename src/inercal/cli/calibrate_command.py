@@ -46,7 +46,7 @@ def run(
 
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
-    from inercal.calibration.files import as_object, save
+    from inercal.calibration.files import calibration_object, save
     from inercal.pipeline import calibrate
     from inercal.recordings.io.mean_tables import write_means
 
@@ -96,7 +96,8 @@ def run(
                 del files["report"]
     if json:
         print_json(
-            as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()}
+            calibration_object(outcome.calibration)
+            | {kind: str(path) for kind, path in files.items()}
         )
     else:
         print_coefficients(outcome, plan.truth)

@@ -83,9 +83,10 @@ def run(
             )
         _chart_bench(bench, register, begin, options, out, force=force, json=json)
         return
+    from inercal.basics.documents import document_text
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
     from inercal.laboratory.check_standard import CheckedSession, control_charts
-    from inercal.laboratory.check_standard.chart_files import as_object, to_text
+    from inercal.laboratory.check_standard.chart_files import control_charts_object
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     undated = [one.session.label for one in given if not one.measured]
@@ -104,10 +105,10 @@ def run(
     if targets:
         from inercal.report import write_control
 
-        write_text(targets[0], to_text(found))
+        write_text(targets[0], document_text(control_charts_object(found)))
         write_control(found, targets[1], doubtful)
     if json:
-        print_json(as_object(found) | doubtful_object(doubtful))
+        print_json(control_charts_object(found) | doubtful_object(doubtful))
         return
     print_charts(found)
     print_doubtful(doubtful)
@@ -125,8 +126,9 @@ def _chart_bench(
     json: bool,
 ) -> None:
     """Chart a bench of the register by the estimates of its own runs."""
+    from inercal.basics.documents import document_text
     from inercal.cli.control_view import doubtful_object, print_bench_charts, print_doubtful
-    from inercal.laboratory.check_standard.bench_chart_texts import as_object, to_text
+    from inercal.laboratory.check_standard.bench_chart_texts import bench_charts_object
     from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
     from inercal.laboratory.store.bench_calibrations import calibrations_of_bench
 
@@ -149,10 +151,10 @@ def _chart_bench(
     if targets:
         from inercal.report import write_bench_control
 
-        write_text(targets[0], to_text(found))
+        write_text(targets[0], document_text(bench_charts_object(found)))
         write_bench_control(found, targets[1], doubtful)
     if json:
-        print_json(as_object(found) | doubtful_object(doubtful))
+        print_json(bench_charts_object(found) | doubtful_object(doubtful))
         return
     print_bench_charts(found)
     print_doubtful(doubtful)

@@ -23,7 +23,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Calibrate an IMU on a simulated table, and compare the result with the truth."""
-    from inercal.calibration.files import as_object
+    from inercal.calibration.files import calibration_object
     from inercal.cli.bench_view import STOP_HELP, run_display
     from inercal.host.bench_simulator import STARTUP_MESSAGE
     from inercal.host.demonstration import demo
@@ -34,7 +34,7 @@ def run(
     with run_display(STOP_HELP) as show:
         shown = demo(out, seed, quick=quick, show=show)
     if json:
-        result = as_object(shown.outcome.calibration)
+        result = calibration_object(shown.outcome.calibration)
         print_json(result | {"truth": dict(shown.truth)} | dict(shown.files))
         exit_with_verdict(shown.outcome)
         return

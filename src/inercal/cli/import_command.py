@@ -29,7 +29,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Read a calibration of another program, which has no uncertainties, for `inercal compare`."""
-    from inercal.calibration.files import as_object, load, save
+    from inercal.calibration.files import calibration_object, load, save
     from inercal.export.readers import import_calibration
 
     path = out or Path(f"{file.name.partition('.')[0]}.calibration.json")
@@ -44,7 +44,7 @@ def run(
     )
     save(calibration, path)
     if json:
-        print_json({"calibration": str(path), "content": as_object(calibration)})
+        print_json({"calibration": str(path), "content": calibration_object(calibration)})
         return
     from inercal.cli.calibration_view import print_calibration_table
 

@@ -65,7 +65,7 @@ def run(
 
 def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     from inercal.benches.qualification.input_file import input_files, qualify
-    from inercal.benches.qualification.qualification_file import as_object, save
+    from inercal.benches.qualification.qualification_file import qualification_object, save
 
     if out is not None:
         check_outputs({out: QUALIFICATION}, input_files(file), force=force)
@@ -73,7 +73,7 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     if out is not None:
         save(found, out)
     if json:
-        print_json(as_object(found))
+        print_json(qualification_object(found))
     else:
         _print_qualification(found)
         if out is not None:

@@ -45,10 +45,11 @@ def run(
     json: Json = False,
 ) -> None:
     """State a sensor's mean over several calibrations and the uncertainty of its next use."""
+    from inercal.basics.documents import document_text
     from inercal.calibration.files import save
     from inercal.cli.session_inputs import read_sessions
     from inercal.laboratory.repeatability import repeat
-    from inercal.laboratory.repeatability.files import as_object, next_use_calibration, to_text
+    from inercal.laboratory.repeatability.files import next_use_calibration, repeatability_object
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     sessions = [one.session for one in given]
@@ -62,10 +63,10 @@ def run(
         check_outputs(kinds, inputs, force=force)
     found = repeat(sessions, scope=scope, mount_owner=mount)
     if targets:
-        write_text(targets[0], to_text(found))
+        write_text(targets[0], document_text(repeatability_object(found)))
         save(next_use_calibration(found), targets[1])
     if json:
-        print_json(as_object(found))
+        print_json(repeatability_object(found))
         return
     _print_repeatability(found)
     print_written_files(targets)

@@ -29,7 +29,7 @@ def run(
 
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
-    from inercal.calibration.verdict_object import as_object
+    from inercal.calibration.verdict_object import verdict_object
     from inercal.pipeline import calibrate
     from inercal.report import write_report
 
@@ -44,7 +44,7 @@ def run(
         write_report(outcome, page, plan.truth or None)
     if json:
         lines = {"lines": list(outcome.verdict.lines)}
-        print_json({"report": str(page), "verdict": as_object(outcome.verdict) | lines})
+        print_json({"report": str(page), "verdict": verdict_object(outcome.verdict) | lines})
     else:
         print(f"wrote {page}")
     exit_with_verdict(outcome, strict=strict)

@@ -38,12 +38,12 @@ def run(
 
 def _show_calibration(file: Path, json: bool) -> None:
     from inercal.calibration.display import title
-    from inercal.calibration.files import as_object, load
+    from inercal.calibration.files import calibration_object, load
     from inercal.cli.calibration_view import print_calibration_table
 
     calibration = load(file)
     if json:
-        print_json({"file": "calibration"} | as_object(calibration))
+        print_json({"file": "calibration"} | calibration_object(calibration))
         return
     print_line(title(calibration))
     verdict = "" if calibration.verdict is None else calibration.verdict.word

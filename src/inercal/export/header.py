@@ -9,7 +9,7 @@ import numpy as np
 
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.basics.visible_text import visible_text
-from inercal.calibration.files import as_object
+from inercal.calibration.files import calibration_object
 from inercal.calibration.outdated import OUTDATED
 from inercal.export.cost import Cost, Loss, Samples
 from inercal.export.model import ExportModel
@@ -101,7 +101,7 @@ def header_lines(
 
 def _source_lines(model: ExportModel, source: str) -> list[str]:
     calibration = model.calibration
-    sha256 = as_object(calibration)["sha256"]
+    sha256 = calibration_object(calibration)["sha256"]
     parts = [source or "not saved", f"sha256 {sha256}", f"sensor {calibration.sensor.name}"]
     if calibration.method:
         parts.append(f"method {calibration.method}")

@@ -146,7 +146,7 @@ def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
 def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
     """Return the result's columns, and the hash of the recording."""
     # Methods and kernels load in the worker, not where work is handed out.
-    from inercal.calibration.files import as_object, canonical_text
+    from inercal.calibration.files import calibration_object, canonical_text
     from inercal.pipeline import calibrate
 
     address, run = work.row.recording, line.run(work.row, work.digest)
@@ -177,6 +177,6 @@ def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
         "value": calibration.values.tolist(),
         "std": calibration.std.tolist(),
         "covariance": results.lower_triangle(calibration.covariance),
-        "calibration": canonical_text(as_object(calibration)),
+        "calibration": canonical_text(calibration_object(calibration)),
     }
     return found, calibration.provenance["recording sha256"]

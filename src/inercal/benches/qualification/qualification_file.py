@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inercal.basics.atomic_files import write_text
+from inercal.basics.documents import first_problem, record_object
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_small_file
 from inercal.benches.qualification.result import (
@@ -25,11 +26,10 @@ from inercal.benches.qualification.result import (
 )
 
 SCHEMA = "inercal/qualification/1"
-_Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 class _Bench(_Strict):
@@ -40,17 +40,17 @@ class _Bench(_Strict):
 class _Parameter(_Strict):
     name: str
     unit: str
-    value: _Number
-    std: Annotated[_Number, Field(gt=0)]
+    value: float
+    std: Annotated[float, Field(gt=0)]
     determination: str
     date: dt.date
     valid_until: dt.date | None
 
 
 class _Test(_Strict):
-    chi2: _Number
+    chi2: float
     dof: int
-    p_value: _Number
+    p_value: float
     suspects: list[str]
 
 
@@ -65,7 +65,7 @@ class _File(_Strict):
     instrument: str
     certificate: str
     parameters: Annotated[list[_Parameter], Field(min_length=1)]
-    covariance: list[list[_Number]]
+    covariance: list[list[float]]
     test: _Test
     unseen: list[str]
     remarks: list[str]
@@ -74,48 +74,41 @@ class _File(_Strict):
     sha256: str
 
 
-def as_object(found: Qualification) -> dict[str, Any]:
+def qualification_object(found: Qualification) -> dict[str, Any]:
     """Return the qualification as the JSON object of its file."""
-    content: dict[str, Any] = {
+    content: dict[str, Any] = record_object({
         "schema": SCHEMA,
         "kind": found.kind,
         "bench": {"kind": found.bench, "name": found.bench_name},
         "determination": found.determination,
-        "date": found.date.isoformat(),
-        "valid_until": _iso(found.valid_until),
+        "date": found.date,
+        "valid_until": found.valid_until,
         "method": found.method,
         "instrument": found.instrument,
         "certificate": found.certificate,
         "parameters": [
-            {
-                "name": one.name,
-                "unit": one.unit,
-                "value": one.value,
-                "std": float(u),
-                "determination": one.determination,
-                "date": one.date.isoformat(),
-                "valid_until": _iso(one.valid_until),
-            }
+            {"name": one.name, "unit": one.unit, "value": one.value, "std": float(u)}
+            | record_object(one)
             for one, u in zip(found.parameters, found.std, strict=True)
         ],
-        "covariance": found.covariance.tolist(),
+        "covariance": found.covariance,
         "test": {
             "chi2": found.chi2,
             "dof": found.dof,
             "p_value": found.p_value,
-            "suspects": list(found.suspects),
+            "suspects": found.suspects,
         },
-        "unseen": list(found.unseen),
-        "remarks": list(found.remarks),
-        "provenance": dict(found.provenance),
+        "unseen": found.unseen,
+        "remarks": found.remarks,
+        "provenance": found.provenance,
         "withdrawn": found.withdrawn,
-    }
+    })  # fmt: skip
     return content | {"sha256": _digest(content)}
 
 
 def to_text(found: Qualification) -> str:
     """Return the text of the file."""
-    return json.dumps(as_object(found), ensure_ascii=False, indent=2) + "\n"
+    return json.dumps(qualification_object(found), ensure_ascii=False, indent=2) + "\n"
 
 
 def save(found: Qualification, path: str | Path) -> Path:
@@ -136,11 +129,10 @@ def load(path: str | Path) -> Qualification:
         content = json.loads(read_small_file(path, "qualification"))
         read = _File.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
+        where, reason = first_problem(error)
         raise InputError(
-            f"{path}: not a qualification of schema {SCHEMA}: {where}: {first['msg']}; give a file "
-            "that inercal qualify wrote",
+            f"{path}: not a qualification of schema {SCHEMA}: {where or 'the file'}: {reason}; "
+            "give a file that inercal qualify wrote",
             file=path,
         ) from None
     except (ValueError, RecursionError):
@@ -167,12 +159,7 @@ def load(path: str | Path) -> Qualification:
         read.method,
         read.instrument,
         read.certificate,
-        tuple(
-            QualifiedParameter(
-                one.name, one.unit, one.value, one.determination, one.date, one.valid_until
-            )
-            for one in read.parameters
-        ),
+        tuple(QualifiedParameter(**one.model_dump(exclude={"std"})) for one in read.parameters),
         covariance,
         read.test.chi2,
         read.test.dof,
@@ -201,10 +188,6 @@ def determination_sha256(
     method : str
     """
     return _digest([*place, list(names), numbers, date.isoformat(), method])
-
-
-def _iso(day: dt.date | None) -> str | None:
-    return None if day is None else day.isoformat()
 
 
 def _digest(content: Any) -> str:

@@ -10,7 +10,7 @@ from typing import Literal
 
 from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
-from inercal.calibration.files import as_object
+from inercal.calibration.files import calibration_object
 from inercal.calibration.specification import Conformity
 from inercal.laboratory.certificate.job import require_complete
 from inercal.laboratory.certificate.marks import certificate_marks
@@ -86,7 +86,7 @@ class Certificate:
     @property
     def calibration_sha256(self) -> str:
         """SHA-256 of the calibration file, as the file states it."""
-        return str(as_object(self.calibration)["sha256"])
+        return str(calibration_object(self.calibration)["sha256"])
 
     @property
     def first_day(self) -> date:

@@ -18,7 +18,7 @@ from typing import Any
 from scipy.special import chdtri, fdtri
 
 from inercal.basics.units.expression import read_unit
-from inercal.calibration.files import as_object
+from inercal.calibration.files import calibration_object
 from inercal.calibration.specification import LimitResult
 from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
 from inercal.laboratory.certificate import dcc_administration
@@ -100,7 +100,10 @@ def write_dcc(certificate: Certificate) -> bytes:
 
 def calibration_bytes(results: ResultSet) -> bytes:
     """Return the calibration file of results, as it is attached."""
-    return json.dumps(as_object(results.calibration), indent=1, ensure_ascii=False).encode() + b"\n"
+    return (
+        json.dumps(calibration_object(results.calibration), indent=1, ensure_ascii=False).encode()
+        + b"\n"
+    )
 
 
 def _measurement_result(certificate: Certificate, results: ResultSet) -> Any:

@@ -1,12 +1,10 @@
 """Control charts of a bench in words, and as the JSON object of their file."""
 
-import json
-from datetime import UTC, datetime
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
+from inercal.basics.documents import origin, record_object
 from inercal.estimation.uncertainty.control_charts import EWMA_WEIGHT
 from inercal.laboratory.check_standard.bench_charts import BenchCharts
 from inercal.laboratory.check_standard.chart_texts import day, doubtful_text, signal_text
@@ -46,7 +44,7 @@ def day_signals(found: BenchCharts) -> list[tuple[str, str]]:
     ]
 
 
-def as_object(found: BenchCharts) -> dict[str, Any]:
+def bench_charts_object(found: BenchCharts) -> dict[str, Any]:
     """Return the charts as a JSON object: values in SI, statistics without unit."""
     kind = found.lasting_kind.lower()
     return {
@@ -82,15 +80,8 @@ def as_object(found: BenchCharts) -> dict[str, Any]:
             for one in found.charts
         ],
         "too_few": found.too_few,
-        "episodes": [{"since": one.since, "until": one.until} for one in found.episodes],
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "inercal": version("inercal"),
-    }
-
-
-def to_text(found: BenchCharts) -> str:
-    """Return the text of the file."""
-    return json.dumps(as_object(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        "episodes": record_object(found.episodes),
+    } | origin()
 
 
 def newest_statistics(found: BenchCharts) -> list[tuple[str, ...]]:

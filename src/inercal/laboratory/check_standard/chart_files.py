@@ -1,19 +1,17 @@
 """The charts as a file, `*.control.json`; `inercal.calibration.check_standard` reads it."""
 
-import json
-from datetime import UTC, datetime
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
+from inercal.basics.documents import origin, record_object
 from inercal.calibration.check_standard import SCHEMA
 from inercal.estimation.uncertainty.control_charts import EWMA_WEIGHT, MEWMA_WEIGHT
 from inercal.laboratory.check_standard.charts import ControlCharts
 from inercal.physics.sensors import SI_UNITS
 
 
-def as_object(found: ControlCharts) -> dict[str, Any]:
+def control_charts_object(found: ControlCharts) -> dict[str, Any]:
     """Return the charts as the JSON object of their file: values in SI, statistics without unit."""
     matched, limits, values = found.matched, found.limits, found.values
     scatter = np.sqrt(np.diagonal(found.days.point[-1])) * found.fit.unit
@@ -60,12 +58,5 @@ def as_object(found: ControlCharts) -> dict[str, Any]:
             }
             for t, point in enumerate(found.points)
         ],
-        "episodes": [{"since": one.since, "until": one.until} for one in found.episodes],
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "inercal": version("inercal"),
-    }
-
-
-def to_text(found: ControlCharts) -> str:
-    """Return the text of the file."""
-    return json.dumps(as_object(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        "episodes": record_object(found.episodes),
+    } | origin()

@@ -1,18 +1,16 @@
 """The result as a file, `*.repeatability.json`; `inercal.calibration.next_use` reads it."""
 
-import json
 from dataclasses import replace
-from datetime import UTC, datetime
-from importlib.metadata import version
 from typing import Any
 
+from inercal.basics.documents import origin
 from inercal.calibration import Calibration
 from inercal.calibration.next_use import SCHEMA
 from inercal.laboratory.repeatability.repeated_sessions import Repeatability, StatedUncertainty
 from inercal.physics.sensors import SI_UNITS
 
 
-def as_object(found: Repeatability) -> dict[str, Any]:
+def repeatability_object(found: Repeatability) -> dict[str, Any]:
     """Return the result as the JSON object of its file, SI."""
     matched = found.matched
     return {
@@ -63,9 +61,7 @@ def as_object(found: Repeatability) -> dict[str, Any]:
             for one in matched.sessions
         ],
         "findings": list(found.findings),
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "inercal": version("inercal"),
-    }
+    } | origin()
 
 
 def _statement(one: StatedUncertainty, k: int) -> dict[str, float]:
@@ -90,11 +86,7 @@ def next_use_calibration(found: Repeatability) -> Calibration:
         found.next_use.covariance,
         method="repeat",
         conditions=last.conditions,
-        provenance={
-            "created": datetime.now(UTC).isoformat(timespec="seconds"),
-            "inercal": version("inercal"),
-            "sessions": ", ".join(sessions),
-        },
+        provenance=origin() | {"sessions": ", ".join(sessions)},
         notes=(
             f"mean of {len(sessions)} sessions; U is that of the next use, on another "
             f"{found.scope}, and includes what the sessions share",
@@ -104,8 +96,3 @@ def next_use_calibration(found: Repeatability) -> Calibration:
         mount=last.mount,
         shared=None,
     )
-
-
-def to_text(found: Repeatability) -> str:
-    """Return the text of the file."""
-    return json.dumps(as_object(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

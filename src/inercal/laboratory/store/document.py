@@ -11,7 +11,7 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import recording_sha256
-from inercal.calibration.files import as_object, canonical_text, parse, read_text
+from inercal.calibration.files import calibration_object, canonical_text, parse, read_text
 from inercal.physics.sensors import SI_UNITS
 
 
@@ -58,7 +58,7 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
     """
     if isinstance(source, Calibration):
         name = f"calibration of {source.sensor.name}"
-        text = json.dumps(as_object(source), ensure_ascii=False)
+        text = json.dumps(calibration_object(source), ensure_ascii=False)
     else:
         name, text = str(source), read_text(source)
     file = None if isinstance(source, Calibration) else source

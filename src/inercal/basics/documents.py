@@ -1,0 +1,117 @@
+"""JSON documents that inercal writes and reads again: calibrations, charts, qualifications.
+
+A record of a document is declared once. What is read is a `Record`, whose fields say what is
+possible; `record_object` writes a result with the same fields. Nothing is converted: a number in
+quotation marks or `true` is no number, and a number that is not finite is null.
+"""
+
+import datetime as dt
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from importlib.metadata import version
+from math import isfinite, nan
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, cast
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
+
+from inercal.basics.errors import InputError
+from inercal.basics.small_files import read_small_file
+
+Content = TypeVar("Content", bound=BaseModel)
+
+
+class Record(BaseModel):
+    """A record of a document, whose numbers are finite; unknown keys are omitted."""
+
+    model_config = ConfigDict(strict=True, extra="ignore", allow_inf_nan=False)
+
+
+def _nan_of_null(value: object, number: ValidatorFunctionWrapHandler) -> float:
+    return nan if value is None else number(value)
+
+
+Positive = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
+Measured = Annotated[float, WrapValidator(_nan_of_null)]
+"""A number of a result; null where it is not finite."""
+
+
+def record_object(value: Any) -> Any:
+    """Return a result as JSON content: each record by its fields, null for what is not finite.
+
+    Parameters
+    ----------
+    value : dataclass, named tuple, mapping, sequence, array, date, number, text or None
+    """
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    if is_dataclass(value):
+        return {one.name: record_object(getattr(value, one.name)) for one in fields(value)}
+    if isinstance(value, Mapping):
+        content = cast("Mapping[str, Any]", value)
+        return {key: record_object(one) for key, one in content.items()}
+    if isinstance(value, tuple) and hasattr(cast("Any", value), "_asdict"):
+        return record_object(cast("Any", value)._asdict())
+    if isinstance(value, tuple | list):
+        return [record_object(one) for one in cast("list[Any]", value)]
+    if isinstance(value, np.ndarray):
+        return record_object(value.tolist())
+    return value.isoformat() if isinstance(value, dt.date) else value
+
+
+def document_text(content: Mapping[str, Any]) -> str:
+    """Return the text of a document's file."""
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def origin() -> dict[str, str]:
+    """Return the last fields of a document: when and by which version it was made."""
+    now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
+    return {"created": now, "inercal": version("inercal")}
+
+
+def read_document(path: Path, model: type[Content], verb: str) -> Content:
+    """Return the checked content of a JSON file that a verb of inercal wrote.
+
+    Parameters
+    ----------
+    path : Path
+    model : type
+        The pydantic model of the content.
+    verb : str
+        "inercal repeat", for messages.
+
+    Raises
+    ------
+    InputError
+        No such file, or not such a file.
+    """
+    text = read_small_file(path, f"file of {verb}")
+    try:
+        return model.model_validate_json(text)
+    except ValidationError as error:
+        place, reason = first_problem(error)
+        raise InputError(
+            f"{path}: {place or 'the whole file'}: {reason}; give a file that {verb} wrote",
+            file=path,
+        ) from None
+
+
+def first_problem(error: ValidationError) -> tuple[str, str]:
+    """Return the place of the first wrong field, such as coefficients[3].std, and what is wrong."""
+    first = error.errors(include_url=False)[0]
+    place = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"])
+    reasons = {"missing": "is missing", "finite_number": "is not finite"}
+    message = first["msg"]
+    return place.lstrip("."), reasons.get(first["type"], message[0].lower() + message[1:])
