@@ -69,9 +69,9 @@ class _CompilationListener(event.Listener):
 
 
 @contextmanager
-def compilation_told(told: Callable[[], None]) -> Generator[None]:
+def on_compilation(begun: Callable[[], None]) -> Generator[None]:
     """Call a function each time that something is compiled, and not loaded, in the block."""
-    listener = _CompilationListener(told)
+    listener = _CompilationListener(begun)
     event.register("numba:compile", listener)
     try:
         yield

@@ -23,7 +23,7 @@ from inercal.basics.process_settings import prepare_process
 from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import Turntable, require_turntable
 from inercal.estimation import Gaussian
-from inercal.estimation.kernel_options import compilation_told
+from inercal.estimation.kernel_options import on_compilation
 from inercal.host.assembly import SampleAssembler
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
@@ -88,7 +88,7 @@ def _compile_estimator(run: Run) -> None:
     sensor = run.sensor
     if len({axis.measures for axis in sensor.axes}) > 1:
         other = _ParallelCompilation(run)
-        with compilation_told(other.start):
+        with on_compilation(other.start):
             _follow_part(run, "w")
         other.wait()
     _follow_rest(run, sensor, run.priors)
