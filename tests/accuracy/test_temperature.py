@@ -251,6 +251,7 @@ def test_imus_followed_on_a_turntable_err_by_what_they_state(seed: int):
         assert_nees(error[:, at], covariance[:, at][:, :, at])
 
 
+@pytest.mark.slow
 def test_what_follows_the_temperature_is_a_suspect_on_a_turntable():
     nothing = np.zeros((1, 3))
     strong = thermal.TemperatureSensitivity(

@@ -32,8 +32,9 @@ def test_no_module_outside_benches_asks_for_the_class_of_a_bench():
     outside = [p for p in SOURCE.rglob("*.py") if SOURCE / "benches" not in p.parents]
     assert len(outside) > 300
     for path in outside:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        assert not asked(tree) & classes, path
+        text = path.read_text(encoding="utf-8")
+        if any(name in text for name in classes):
+            assert not asked(ast.parse(text)) & classes, path
 
 
 def test_no_kind_imports_another():

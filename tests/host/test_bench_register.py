@@ -73,6 +73,7 @@ def test_a_run_is_entered_as_it_begins_and_with_its_calibration_at_the_end(
     assert 'id="over-time"' in report
 
 
+@pytest.mark.slow
 def test_a_register_that_goes_away_does_not_stop_a_run(
     tmp_path: Path,
     program: Program,

@@ -81,9 +81,11 @@ def test_of_the_host_only_the_journal_and_the_name_of_a_folder_read_the_date():
     readers = set[str]()
     for path in Path(host.__path__[0]).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = {one.name for one in node.names} if isinstance(node, ast.ImportFrom) else set()
-            is_time = isinstance(node, ast.ImportFrom) and node.module == "time" and "time" in names
-            if is_time or names & {"datetime", "date"} or ast.unparse(node) == "import time":
+            if not isinstance(node, ast.Import | ast.ImportFrom):
+                continue
+            names = {one.name for one in node.names}
+            module = node.module if isinstance(node, ast.ImportFrom) else "time"
+            if (module == "time" and "time" in names) or names & {"datetime", "date"}:
                 readers.add(path.name)
     assert readers == {"journal.py", "runs.py"}
 
