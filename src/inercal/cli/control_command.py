@@ -148,7 +148,7 @@ def _chart_bench(
     from inercal.cli.control_command import doubtful_object, print_bench_charts, print_doubtful
     from inercal.laboratory.check_standard.bench_chart_texts import bench_charts_object
     from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
-    from inercal.laboratory.store.queries import calibrations_of_bench
+    from inercal.laboratory.store.uses import calibrations_of_bench
 
     with open_register(register, create=False) as opened:
         inputs = list(opened.files)
