@@ -1,4 +1,4 @@
-"""`inercal control`: the control charts of a check standard and of a bench."""
+"""`inercal control`: the control charts of a check standard."""
 
 from datetime import date
 from enum import StrEnum
@@ -22,24 +22,6 @@ from inercal.cli.session_inputs import (
 
 if TYPE_CHECKING:
     from inercal.laboratory.check_standard import ControlCharts
-    from inercal.laboratory.store import CalibrationEntry
-
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from inercal.cli.console import print_line, print_lines, print_table
-from inercal.laboratory.check_standard import ControlCharts
-from inercal.laboratory.check_standard.bench_chart_texts import (
-    bench_lines,
-    day_signals,
-    newest_statistics,
-)
-from inercal.laboratory.check_standard.bench_charts import BenchCharts
-from inercal.laboratory.check_standard.chart_texts import control_lines, day, signal_text
-
-if TYPE_CHECKING:
     from inercal.laboratory.store import CalibrationEntry
 
 
@@ -102,7 +84,7 @@ def run(
         _chart_bench(bench, register, begin, options, out, force=force, json=json)
         return
     from inercal.basics.documents import document_text
-    from inercal.cli.control_command import doubtful_object, print_charts, print_doubtful
+    from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
     from inercal.laboratory.check_standard import CheckedSession, control_charts
     from inercal.laboratory.check_standard.chart_texts import control_charts_object
 
@@ -145,7 +127,7 @@ def _chart_bench(
 ) -> None:
     """Chart a bench of the register by the estimates of its own runs."""
     from inercal.basics.documents import document_text
-    from inercal.cli.control_command import doubtful_object, print_bench_charts, print_doubtful
+    from inercal.cli.control_view import doubtful_object, print_bench_charts, print_doubtful
     from inercal.laboratory.check_standard.bench_chart_texts import bench_charts_object
     from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
     from inercal.laboratory.store.uses import calibrations_of_bench
@@ -213,67 +195,3 @@ def _doubtful_calibrations(
         and (one.kind, one.bench) in benches
         and any(episode.holds(one.measured) for episode in found.episodes)
     ]
-
-
-_NEWEST = 20  # days that the table lists
-
-
-def print_charts(found: ControlCharts) -> None:
-    """Print the newest days with their statistics, and what the charts say."""
-    days, limits, values = len(found.points), found.limits, found.values
-    print_line(
-        f"{found.matched.sensor.name}: {len(found.sessions)} sessions of "
-        f"{found.reference_days + days} days; the reference is the first {found.reference_days}, "
-        f"until {day(found.reference_end)}"
-    )
-    rows: list[tuple[str, ...]] = []
-    for t in range(max(days - _NEWEST, 0), days):
-        point = found.points[t]
-        largest = (
-            f"{one[t][np.argmax(np.abs(one[t]))]:.2f}" for one in (values.shewhart, values.lasting)
-        )
-        words = "; ".join(signal_text(kind, names) for kind, names in point.signals.items())
-        joint = f"{values.t2[t]:.1f}", f"{values.mewma[t]:.1f}"
-        rows.append((day(point.last), *largest, *joint, words))
-    ends = (
-        f"{one.min():.2f}" if np.ptp(one) < 0.005 else f"{one.min():.2f} to {one.max():.2f}"
-        for one in (np.sqrt(limits.shewhart), np.sqrt(limits.lasting))
-    )
-    rows.append(("limit", *ends, f"{limits.t2:.1f}", f"{limits.mewma:.1f}", ""))
-    numbers = (">largest z", f">largest {limits.lasting_kind}", ">T²", ">MEWMA")
-    print_table(("day", *numbers, "signals"), rows)
-    if days > _NEWEST:
-        print_line(f"the newest {_NEWEST} of {days} days")
-    print_lines(control_lines(found), "· ")
-
-
-def print_bench_charts(found: BenchCharts) -> None:
-    """Print the newest statistics of each parameter of a bench, and the days with signals."""
-    first, last = (day(found.runs[k].measured) for k in (0, -1))
-    print_line(f"bench {found.bench}: {len(found.runs)} calibrations, {first} to {last}")
-    numbers = (">largest z", ">limit", f">largest {found.lasting_kind}", ">limit")
-    print_table(("parameter", "meaning", *numbers), newest_statistics(found))
-    if signals := day_signals(found):
-        print_table(("day", "signals"), signals)
-    print_lines(bench_lines(found), "· ")
-
-
-def print_doubtful(entries: "Sequence[CalibrationEntry] | None") -> None:
-    """Print the calibrations that a bench out of control makes doubtful."""
-    if entries:
-        rows = [(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in entries]
-        print_table(("doubtful calibration", "sensor", "measured", "method"), rows)
-    elif entries is not None:
-        print_line("· no calibration of the register is of a doubtful time")
-
-
-def doubtful_object(entries: "Sequence[CalibrationEntry] | None") -> dict[str, Any]:
-    """Return the doubtful calibrations; nothing where no register was asked."""
-    if entries is None:
-        return {}
-    return {
-        "doubtful": [
-            {"calibration": one.id, "sensor": one.sensor, "measured": one.measured}
-            for one in entries
-        ]
-    }

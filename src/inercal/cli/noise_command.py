@@ -87,7 +87,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Find noise, bias instability and random walk of a sensor at rest, and its disturbances."""
-    from inercal.cli.noise_outputs import print_analysis, print_comparison_with_sheet, sheet_object
+    from inercal.cli.noise_view import print_analysis, print_comparison_with_sheet, sheet_object
 
     _check_choices(method, spacing, to, horizon)
     if len(run_files) > 1:
@@ -343,7 +343,7 @@ def _import_data_sheet(
                 "leave the option out",
                 key=option,
             )
-    from inercal.cli.noise_outputs import print_sheet, sheet_object
+    from inercal.cli.noise_view import print_sheet, sheet_object
 
     sheet = _read_data_sheet(path)
     targets.check(path.stem, [path])
