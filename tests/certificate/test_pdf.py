@@ -22,8 +22,8 @@ from inercal.laboratory.certificate.content import (
     make_certificate,
 )
 from inercal.laboratory.certificate.fonts import find_font
+from inercal.laboratory.certificate.issue import write_pdf_a1
 from inercal.laboratory.certificate.job import read_job
-from inercal.laboratory.certificate.pdf import write_pdf_a1
 from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts, text_table
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.runfile.laboratory_file import read_laboratory

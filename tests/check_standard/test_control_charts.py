@@ -14,8 +14,7 @@ from inercal.basics.documents import document_text
 from inercal.basics.errors import InputError
 from inercal.calibration.check_standard import load_check_standard
 from inercal.laboratory.check_standard import control_charts
-from inercal.laboratory.check_standard.chart_files import control_charts_object
-from inercal.laboratory.check_standard.chart_texts import control_lines
+from inercal.laboratory.check_standard.chart_texts import control_charts_object, control_lines
 
 STEP = np.where(np.array(NAMES) == "ax.k0", 400 * MICRO, 0.0)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from tests.program import run_program
 
-from inercal.pipeline.drafts.default_keys import default_bench_keys
+from inercal.pipeline.drafts.stated_keys import default_bench_keys
 
 
 def found(content: dict[str, Any], method: str) -> dict[str, Any]:

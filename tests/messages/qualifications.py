@@ -12,7 +12,7 @@ from inercal.benches.qualification.qualification_file import load, save
 from inercal.benches.qualification.succession import drift_between
 from inercal.laboratory.check_standard.bench_charts import bench_charts
 from inercal.laboratory.store import Register
-from inercal.laboratory.store.bench_calibrations import calibrations_of_bench
+from inercal.laboratory.store.uses import calibrations_of_bench
 from inercal.runfile import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "qualify"

@@ -23,8 +23,12 @@ from tests.refusals import refused
 
 from inercal.basics.units import Measured
 from inercal.benches.rate_platform import RatePlatform
-from inercal.benches.rate_platform.dead_band import find_dead_band
-from inercal.benches.rate_platform.linearity import LineFit, linearity_notes, straight_lines
+from inercal.benches.rate_platform.linearity import (
+    LineFit,
+    find_dead_band,
+    linearity_notes,
+    straight_lines,
+)
 from inercal.benches.rate_platform.scale_factors import speed_scales
 from inercal.benches.rate_platform.sections import RateDwell
 from inercal.estimation import Estimate, Gaussian

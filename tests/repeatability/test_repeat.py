@@ -9,7 +9,7 @@ from tests.repeatability.sessions import sessions_of
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.repeatability import RepeatedSession, repeat
-from inercal.laboratory.repeatability.advice import advice_lines, required_sessions
+from inercal.laboratory.repeatability.repeated_sessions import advice_lines, required_sessions
 
 
 def drawn_sessions(

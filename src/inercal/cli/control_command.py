@@ -86,7 +86,7 @@ def run(
     from inercal.basics.documents import document_text
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
     from inercal.laboratory.check_standard import CheckedSession, control_charts
-    from inercal.laboratory.check_standard.chart_files import control_charts_object
+    from inercal.laboratory.check_standard.chart_texts import control_charts_object
 
     given, inputs = read_sessions(files, table, sensor, register, same)
     undated = [one.session.label for one in given if not one.measured]
@@ -130,7 +130,7 @@ def _chart_bench(
     from inercal.cli.control_view import doubtful_object, print_bench_charts, print_doubtful
     from inercal.laboratory.check_standard.bench_chart_texts import bench_charts_object
     from inercal.laboratory.check_standard.bench_charts import ChartedRun, bench_charts
-    from inercal.laboratory.store.bench_calibrations import calibrations_of_bench
+    from inercal.laboratory.store.uses import calibrations_of_bench
 
     with open_register(register, create=False) as opened:
         inputs = list(opened.files)

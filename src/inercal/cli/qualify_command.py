@@ -17,7 +17,7 @@ from inercal.cli.outputs import QUALIFICATION, check_outputs
 if TYPE_CHECKING:
     from inercal.benches.qualification import Qualification
     from inercal.benches.qualification.succession import ParameterDrift
-    from inercal.laboratory.store.qualification_uses import QualificationUse
+    from inercal.laboratory.store.uses import QualificationUse
 
 _NOT_TO_BE_RELIED_ON = 3  # the exit status
 _SHOWN = {"rad": "″", "1": "ppm", "(m/s²)⁻¹": "ppm/g", "m": "mm", "m/s²": "m/s²", "s": "ms"}
@@ -97,7 +97,7 @@ def _drift(files: list[Path], json: bool) -> None:
 def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
 
     from inercal.benches.qualification.qualification_file import load, save
-    from inercal.laboratory.store.qualification_uses import qualification_uses
+    from inercal.laboratory.store.uses import qualification_uses
 
     found = load(file)
     if not reason.strip() and not found.withdrawn:

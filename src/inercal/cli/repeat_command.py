@@ -75,7 +75,7 @@ def run(
 def _print_repeatability(found: "Repeatability") -> None:
     """Print mean and next use of each coefficient, the scatter, and what was found."""
     from inercal.basics.units import format_value_and_uncertainty
-    from inercal.laboratory.repeatability.advice import advice_lines
+    from inercal.laboratory.repeatability.repeated_sessions import advice_lines
 
     matched = found.matched
     count = len(matched.sessions)

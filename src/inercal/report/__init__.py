@@ -71,7 +71,7 @@ def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
         matplotlib is missing, or the method keeps only a whole recording's residuals.
     """
     with _extras():
-        from inercal.report.axes_plots import residual_axes
+        from inercal.report.figures import residual_axes
     return residual_axes(outcome, axes)
 
 
@@ -90,7 +90,7 @@ def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
         matplotlib is missing, or the method states no attitudes.
     """
     with _extras():
-        from inercal.report.axes_plots import coverage_axes
+        from inercal.report.figures import coverage_axes
     return coverage_axes(outcome, axes)
 
 

@@ -22,7 +22,6 @@ from inercal.benches.qualification import UsedQualifications
 from inercal.methods import method
 from inercal.physics.plan import Turn
 from inercal.physics.sensors import Sensor
-from inercal.runfile.check_standard_keys import stated_check_standard
 from inercal.runfile.environment_section import (
     stated_environment,
     terms_of_order,
@@ -47,6 +46,7 @@ from inercal.runfile.section_checks import (
     require_time_offset,
     require_used_keys,
     sampling_rate,
+    stated_check_standard,
 )
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.specification_section import stated_specification

@@ -1,7 +1,11 @@
-"""Checks of one section of a run file against another, and of stated gravity against its place."""
+"""Checks of one section of a run file against another, and of what stands outside it.
+
+That is gravity against its place, and whether the bench was in control by its check standard.
+"""
 
 from collections.abc import Sequence
 from math import degrees, sin
+from pathlib import Path
 from typing import Any
 
 from inercal.basics.errors import InputError
@@ -12,6 +16,7 @@ from inercal.physics.section_settings import (
     MISSING_GRAVITY,
     BenchSection,
     BenchUsage,
+    key_error,
     measured_constant,
     section_gravity,
     si_value,
@@ -19,6 +24,7 @@ from inercal.physics.section_settings import (
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding
 from inercal.recordings.temperature import COUNTS
+from inercal.runfile.job import JobSection
 from inercal.runfile.schema import DataSection, MethodSection, ReadoutSection, RunSchema
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
@@ -160,3 +166,49 @@ def require_time_offset(section: MethodSection, chosen: Method[Any, Any], sensor
             "time_offset",
             key="[method] time_offset",
         )
+
+
+_KEY, _AGE = "[bench] check_standard", "[bench] check_standard_age"
+
+
+def stated_check_standard(
+    section: BenchSection, job: JobSection | None, folder: Path
+) -> tuple[str, tuple[Finding, ...]]:
+    """Return the state of the check standard in words, and warnings where the run is doubtful.
+
+    Parameters
+    ----------
+    section : section of [bench]
+    job : JobSection or None
+        With the date of the run.
+    folder : Path
+        Of the run file.
+
+    Raises
+    ------
+    InputError
+        A file that `inercal control` did not write, an age that is not positive, or one without a
+        check standard or a date of the run.
+    """
+    if section.check_standard is None:
+        if section.check_standard_age is not None:
+            raise key_error(_AGE, "needs check_standard; state the file of inercal control")
+        return "", ()
+    # Here, for few run files name one.
+    from inercal.calibration.check_standard import CHECK_STANDARD, load_check_standard
+
+    longest = None
+    if section.check_standard_age is not None:
+        longest = si_value(section.check_standard_age, "s", _AGE)
+        if longest < 0:
+            raise key_error(_AGE, f"{section.check_standard_age!r} is negative")
+    try:
+        found = load_check_standard(folder / section.check_standard)
+    except InputError as error:
+        raise error.located(_KEY, key=_KEY) from None
+    try:
+        state = found.state(None if job is None else job.last_day, longest)
+    except InputError as error:
+        raise error.located(_AGE, key=_AGE) from None
+    findings = tuple(Finding("warning", CHECK_STANDARD, one) for one in state.warnings)
+    return state.text, findings

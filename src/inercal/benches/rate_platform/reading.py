@@ -11,8 +11,8 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
-from inercal.benches.rate_platform.dead_band import dead_band_notes
 from inercal.benches.rate_platform.linearity import (
+    dead_band_notes,
     linearity_notes,
 )
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady

@@ -15,6 +15,9 @@ sessions' own uncertainties do not explain that (`single_scatter`). t_ν has the
 
 Sources: JCGM 100:2008, G.4; Hartung and Knapp, Statistics in Medicine 20 (2001), 3875–3889;
 Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159 (prediction).
+
+How many more sessions a statement needs: with λ = s²/σ² the variance of a session's own error over
+that of the scatter, and ν as above, the relative standard deviation of σ is (1 + λ)/√(2ν).
 """
 
 # SciPy has no stubs.
@@ -23,6 +26,7 @@ Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 
 import numpy as np
 
@@ -283,3 +287,56 @@ def _component(fit: SessionFit, k: int) -> ScatterComponent:
     dof = effect.similar * (effect.effect.levels - 1)
     limits = scatter_limits(float(variances.variance[k]), float(variances.covariance[k, k]), dof)
     return ScatterComponent(effect, limits.sd, limits.low, limits.high, dof)
+
+
+RELATIVE = 0.3  # standard deviation of σ that is aimed at
+_PLURAL = {"session": "sessions", "day": "days", "turn-on": "turn-ons", "mount": "mountings"}
+_LONGEST = 4.0  # λ beyond which longer sessions help more than further ones
+
+
+def required_sessions(noise_ratio: float, similar: int, relative: float = RELATIVE) -> int:
+    """Return how many sessions give a relative standard deviation of σ.
+
+    Parameters
+    ----------
+    noise_ratio : float
+        λ.
+    similar : int
+        m.
+
+    Examples
+    --------
+    >>> [required_sessions(x, similar=1) for x in (0.0, 0.25, 1.0)]
+    [7, 10, 24]
+    >>> [required_sessions(x, similar=3) for x in (0.0, 0.25, 1.0)]
+    [3, 4, 9]
+    """
+    return 1 + ceil((1 + noise_ratio) ** 2 / (2 * relative**2 * similar) - 1e-9)
+
+
+def noise_ratio(found: Repeatability, one: ScatterComponent) -> float:
+    """Return λ of a component; infinite where no scatter was found."""
+    places = list(one.effect.places)
+    own = np.diagonal(found.matched.own, axis1=1, axis2=2)[:, places].mean()
+    shape = one.effect.effect.shape[places]
+    scatter = one.sd**2 * float(np.sum(shape**2)) / len(places)
+    return float(own / scatter) if scatter > 0 else float("inf")
+
+
+def advice_lines(found: Repeatability) -> list[str]:
+    """Return what would make the scatter better known."""
+    lines: list[str] = []
+    for number, one in enumerate(found.components):
+        if number in found.fit.unseen:
+            continue  # a finding names it
+        ratio, what = noise_ratio(found, one), f"{one.effect.name} ({one.effect.level})"
+        if one.sd == 0:
+            lines.append(f"{what}: the sessions scatter no more than their uncertainties explain")
+        elif ratio > _LONGEST:
+            lines.append(f"{what}: longer sessions show it better than further ones do")
+        elif (needed := required_sessions(ratio, one.effect.similar)) > one.effect.effect.levels:
+            lines.append(
+                f"{what}: a standard deviation within {100 * RELATIVE:.0f} % takes {needed} "
+                f"{_PLURAL[one.effect.level]}; there are {one.effect.effect.levels}"
+            )
+    return lines

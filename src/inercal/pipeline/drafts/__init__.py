@@ -14,8 +14,14 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.section_settings import measured_constant
-from inercal.pipeline.drafts.column_roles import NO_GYROS, ColumnRoles, recognise_columns
-from inercal.pipeline.drafts.default_keys import default_bench_keys
+from inercal.pipeline.drafts.column_roles import (
+    NO_GYROS,
+    ColumnRoles,
+    UnknownAccelerometers,
+    recognise_columns,
+    unknown_accelerometers,
+)
+from inercal.pipeline.drafts.column_values import finite_rows, require_finite_rows
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
 from inercal.pipeline.drafts.draft_sections import (
     bench_keys,
@@ -31,7 +37,6 @@ from inercal.pipeline.drafts.draft_sections import (
     suggest_rate,
     unused_columns,
 )
-from inercal.pipeline.drafts.finite_rows import finite_rows, require_finite_rows
 from inercal.pipeline.drafts.method_trials import (
     Candidate,
     MethodTrial,
@@ -39,10 +44,11 @@ from inercal.pipeline.drafts.method_trials import (
     try_methods,
 )
 from inercal.pipeline.drafts.readouts import QuietMeans
-from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros, stated_values
-from inercal.pipeline.drafts.unknown_accelerometers import (
-    UnknownAccelerometers,
-    unknown_accelerometers,
+from inercal.pipeline.drafts.stated_keys import (
+    default_bench_keys,
+    stated_columns,
+    stated_gyros,
+    stated_values,
 )
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.read import detect_reader, read_table

@@ -1,13 +1,57 @@
-"""The calibrations and certificates of a register that used a qualification of a bench.
+"""What a bench has made: the calibrations on it, and the uses of one of its qualifications.
 
-A calibration used it where an error that it shares is of the determination, or where its
-provenance names the determination: a qualified scatter is no shared error.
+A calibration used a qualification where an error that it shares is of the determination, or where
+its provenance names the determination: a qualified scatter is no shared error.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from inercal.basics.errors import InputError
 from inercal.calibration import Calibration
+from inercal.laboratory.store.entries import CalibrationEntry
+from inercal.laboratory.store.history import latest_per_recording
 from inercal.laboratory.store.register import Register
+
+_MOST_NAMED = 8
+
+
+def calibrations_of_bench(
+    entries: Sequence[CalibrationEntry], word: str
+) -> tuple[CalibrationEntry, ...]:
+    """Return the calibrations on a bench, the last entered of each recording, in their order.
+
+    Parameters
+    ----------
+    entries : sequence of CalibrationEntry
+        Of a register.
+    word : str
+        Name of the bench, or the kind of one without a name.
+
+    Raises
+    ------
+    InputError
+        No such bench, or benches of several kinds with that name.
+    """
+    found = [one for one in entries if word == (one.bench or one.kind)]
+    kinds = sorted({one.kind for one in found})
+    if not found:
+        known = sorted({one.bench or one.kind for one in entries} - {""})
+        listed = ", ".join(map(repr, known[:_MOST_NAMED])) + ", …" * (len(known) > _MOST_NAMED)
+        raise InputError(
+            f"--bench {word!r}: no calibration on it in the register; "
+            + (f"it has {listed}" if known else "it has none with a bench"),
+            key="--bench",
+            names=(word,),
+        )
+    if len(kinds) > 1:
+        raise InputError(
+            f"--bench {word!r}: benches of {len(kinds)} kinds have this name, {', '.join(kinds)}; "
+            "give each its own [bench] name",
+            key="--bench",
+            names=(word,),
+        )
+    return tuple(latest_per_recording(found)[0])
 
 
 class QualificationUse(NamedTuple):
