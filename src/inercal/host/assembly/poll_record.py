@@ -22,7 +22,7 @@ from inercal.host.table_state_codec import StateArrays, unpack_states
 from inercal.recordings import AngleQuality
 
 CLOCK_LOST = frozenset({"the table"})  # names of the refusal: a new run is needed
-MATCHING_TIME = 5.0  # s in which the least difference of two clocks is looked for
+MATCHING_TIME = 5.0  # s over which the smallest difference between two clocks is sought
 _ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and of an outage: what arrival may be off by
 # Uncertainty of an arrival, s: turns of a clock are distinguished where half a turn is more
 _ARRIVAL_UNCERTAINTY = 0.1

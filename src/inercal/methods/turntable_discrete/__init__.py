@@ -42,7 +42,7 @@ from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.score_columns import families
 from inercal.physics.earth import earth_rate_up_north
-from inercal.physics.frames import log_so3
+from inercal.physics.frames import log_so3, skew
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Position, Rotation
 from inercal.physics.sensors import Sensor
@@ -139,7 +139,7 @@ def row_means(bench: Turntable, way: AxisAngles) -> MeanMotion:
 
     def moved(v: Array) -> Array:
         """Return mean Cᵀ (v × B), (..., 3, q)."""
-        return np.einsum("jk,...ijkq->...iq", np.cross(v, np.eye(3)).T, products)
+        return np.einsum("jk,...ijkq->...iq", skew(v), products)
 
     f, w = mean @ force, mean @ earth
     by_f, by_w = moved(force), moved(earth)

@@ -228,7 +228,7 @@ def rotated_triad(gamma: float) -> SimulatedTriad:
     return replace(TRUTH, axes=np.eye(3) + sin(angle) * k + (1 - cos(angle)) * k @ k)
 
 
-ML_TRIAL_RATIO = 20  # one trial of ml for so many of the closed formulas
+ML_TRIAL_RATIO = 20  # trials of the closed formulas for each trial of ml
 _BATCH = 4000
 ESTIMATORS = ("paper", "series", "ml")
 

@@ -17,10 +17,7 @@ readback; where an interpolated readback nearly stands, its angle is within 10�
 With W the inverse covariance of g − v by all of that, a fault of signature s has the significance
 sᵀ W r / √(sᵀ W s). Signatures are, axis by axis, a step at a knot, a drift from a knot on, and a
 delay; noise of the readback is known by neighbouring increments, which it correlates by −½.
-
-The noise alone has a tridiagonal covariance T = L D Lᵀ, and the parameters add C P Cᵀ. With
-A = D^−½ L⁻¹ C P^½ and the orthogonal Q of its upper part in [A; 1] = Q R, W = T⁻¹ − B Bᵀ, where
-B = L⁻ᵀ D^−½ Q: no n × n matrix is formed, and no digits are lost where C P Cᵀ is much larger.
+`window_fit` calculates W.
 """
 
 # SciPy has no stubs.
@@ -31,7 +28,6 @@ from math import degrees, hypot, inf, radians, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from inercal.basics.arrays import Array, Indices
 from inercal.benches.turntable.bench import Turntable
@@ -40,6 +36,7 @@ from inercal.benches.turntable.reading.readback_increments import (
     KnotSpacing,
     find_increments,
 )
+from inercal.benches.turntable.reading.window_fit import LEAST_LEFT, WindowFit
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track, join_tracks
 
@@ -47,7 +44,6 @@ _Fault = Literal["step", "drift", "delay", "noise"]
 _WINDOW = 10.0  # s
 _FEWEST = 20  # increments
 _DRIFT_STEP = 5  # increments between two begins of a drift
-_LEFT = 1e-9  # of what the noise alone would tell: less is rounding
 # Standard deviations: a run has thousands of places for a step, and one noise in each window.
 _SIGNIFICANT: dict[_Fault, float] = {"step": 6.0, "drift": 6.0, "delay": 6.0, "noise": 4.5}
 # Below these no table is blamed: nonlinear gyros, g sensitivity and arrivals have such sizes.
@@ -204,7 +200,9 @@ class GyroComparison:
             return []
         residual = knots.difference - np.einsum("gnp,gp->gn", knots.columns, self._mean)
         root = np.concatenate([self._root, self._wander], axis=-1)
-        fit = _Fit(self._variance(knots, residual), knots.between, residual, knots.columns @ root)
+        fit = WindowFit(
+            self._variance(knots, residual), knots.between, residual, knots.columns @ root
+        )
         half = root @ np.linalg.inv(fit.triangle)
         change = np.einsum("gpq,gq->gp", half, fit.explained)
         left = residual - np.einsum("gnp,gp->gn", knots.columns, change)
@@ -282,113 +280,7 @@ def _median(values: Array) -> Array:
     return (ordered[..., k // 2] + ordered[..., (k - 1) // 2]) / 2
 
 
-class _Fit:
-    """What one window leaves of the residuals, and how much it tells; see the module.
-
-    Parameters
-    ----------
-    variance, between : (g, n) and (g, n − 1) arrays
-        The tridiagonal covariance of the noise, rad².
-    residual : (g, n) array
-        rad.
-    columns : (g, n, q) array
-        What the parameters add to the residuals, per standard deviation.
-
-    Attributes
-    ----------
-    triangle : (g, q, q) array
-        R of the module.
-    explained : (g, q) array
-        Qᵀ D^−½ L⁻¹ of the residuals.
-    weighted : (g, n) array
-        W times the residuals.
-    of_noise, information : (g, n) arrays
-        Diagonals of T⁻¹ and of W.
-    neighbours : (g, n − 1) array
-        Beside the diagonal of W.
-    """
-
-    def __init__(self, variance: Array, between: Array, residual: Array, columns: Array):
-        # The gyros' covariances side by side are one tridiagonal matrix.
-        beside = np.zeros(variance.shape)
-        beside[:, :-1] = between
-        self._factor = _Bidiagonal(variance.ravel(), beside.ravel()[:-1])
-        (g, n, q), size = columns.shape, variance.size
-        white = self._factor.whitened(
-            np.concatenate([columns, residual[..., None]], axis=-1).reshape(size, -1)
-        ).reshape(g, n, -1)
-        stacked = np.zeros((g, n + q, q))
-        stacked[:, :n] = white[..., :-1]
-        stacked[:, np.arange(n, n + q), np.arange(q)] = 1.0
-        orthogonal, self.triangle = np.linalg.qr(stacked)
-        self._span = orthogonal[:, :n]
-        self.explained = np.einsum("gnq,gn->gq", self._span, white[..., -1])
-        left = white[..., -1] - np.einsum("gnq,gq->gn", self._span, self.explained)
-        back = self._factor.unwhitened(
-            np.concatenate([self._span, left[..., None]], axis=-1).reshape(size, -1)
-        ).reshape(g, n, -1)
-        self.known, self.weighted = back[..., :-1], back[..., -1]
-        self.of_noise = self._factor.inverse_diagonal.reshape(g, n)
-        self.information = self.of_noise - np.einsum("gnq,gnq->gn", self.known, self.known)
-        beside.ravel()[:-1] = self._factor.inverse_neighbours
-        self.neighbours = beside[:, :-1] - np.einsum(
-            "gnq,gnq->gn", self.known[:, 1:], self.known[:, :-1]
-        )
-
-    def later(self, values: Array) -> Array:
-        """Return the part of T⁻¹ above its diagonal times (g, n, k) values."""
-        return self._factor.later(values.reshape(-1, values.shape[-1])).reshape(values.shape)
-
-    def quadratic(self, signature: Array) -> float:
-        """Return sᵀ W s of (g, n) values s, and 0 where nothing but rounding is left of it."""
-        white = self._factor.whitened(signature.reshape(-1, 1)).reshape(signature.shape)
-        explained = np.einsum("gnq,gn->gq", self._span, white)
-        left = float(np.sum(white**2) - np.sum(explained**2))
-        return left if left > _LEFT * float(np.sum(white**2)) else 0.0
-
-
-class _Bidiagonal:
-    """The factors L D Lᵀ of a tridiagonal covariance T; L has 1 on its diagonal.
-
-    Parameters
-    ----------
-    variance, between : (n,) and (n − 1,) arrays
-        The diagonal of T, and the values beside it.
-    """
-
-    def __init__(self, variance: Array, between: Array):
-        pttrf, self._solve = scipy.linalg.get_lapack_funcs(("pttrf", "tbtrs"), (variance,))
-        diagonal, self._below, wrong = pttrf(variance, between)
-        if wrong:
-            raise np.linalg.LinAlgError("the covariance is not positive definite")
-        self._root = np.sqrt(diagonal)[:, None]
-        self._band = np.ones((2, variance.size))
-        self._band[1, :-1] = self._below
-        inverse = (1.0 / diagonal)[:, None]
-        squares = np.ones((2, variance.size))
-        squares[1, :-1] = -(self._below**2)
-        self.inverse_diagonal: Array = self._bound(squares, inverse, "T")[:, 0]
-        self.inverse_neighbours: Array = -self._below * self.inverse_diagonal[1:]
-
-    def whitened(self, values: Array) -> Array:
-        """Return D^−½ L⁻¹ of (n, k) values."""
-        return self._bound(self._band, values, "N") / self._root
-
-    def unwhitened(self, values: Array) -> Array:
-        """Return L⁻ᵀ D^−½ of (n, k) values."""
-        return self._bound(self._band, values / self._root, "T")
-
-    def later(self, values: Array) -> Array:
-        """Return the part of T⁻¹ above its diagonal times (n, k) values."""
-        right = np.zeros_like(values)
-        right[:-1] = self.inverse_neighbours[:, None] * values[1:]
-        return self._bound(self._band, right, "T")
-
-    def _bound(self, band: Array, right: Array, transposed: str) -> Array:
-        return self._solve(band, right, uplo="L", trans=transposed, diag="U")[0]
-
-
-def _steps_and_drifts(knots: Increments, fit: _Fit) -> list[ReadbackDifference]:
+def _steps_and_drifts(knots: Increments, fit: WindowFit) -> list[ReadbackDifference]:
     """Return the most significant step and drift, if there are any."""
     s = knots.axes
     score = np.einsum("gnk,gn->nk", s, fit.weighted)
@@ -398,7 +290,7 @@ def _steps_and_drifts(knots: Increments, fit: _Fit) -> list[ReadbackDifference]:
 
     def keep(kind: _Fault, at: Array, score: Array, information: Array, of_noise: Array) -> None:
         # What the parameters explain wholly has no information, but for its rounding.
-        known = np.where(information > _LEFT * of_noise, information, inf)
+        known = np.where(information > LEAST_LEFT * of_noise, information, inf)
         z = np.abs(score) / np.sqrt(known)
         k, axis = np.unravel_index(int(np.argmax(z)), z.shape)
         one = ReadbackDifference(
@@ -439,7 +331,7 @@ def _counts(one: ReadbackDifference) -> bool:
     return one.significance > _SIGNIFICANT[one.kind] and abs(one.size) > _LEAST[one.kind]
 
 
-def _delay(knots: Increments, fit: _Fit) -> list[ReadbackDifference]:
+def _delay(knots: Increments, fit: WindowFit) -> list[ReadbackDifference]:
     """Return a delay beyond that of the windows before, if there is one."""
     score, information = float(np.sum(knots.rate * fit.weighted)), fit.quadratic(knots.rate)
     if not information:
