@@ -329,8 +329,6 @@ def devices(
     """List serial ports, packets of an IMU and settings of a table. Nothing moves."""
     from inercal.host import devices as host_devices
     from inercal.host.devices import imu_lines, port_lines, table_lines
-    from inercal.host.tasks import host_plan
-    from inercal.runfile import read
 
     if run_file is not None and not table:
         raise InputError("--run names the axes of a table: add --table, or remove it", key="--run")
@@ -341,9 +339,13 @@ def devices(
         content["ports"] = [asdict(port) for port in ports]
         lines += port_lines(ports)
     if table:
-        seen = host_devices.probe_table(
-            table, None if run_file is None else host_plan(read(run_file)).bench
-        )
+        bench = None
+        if run_file is not None:
+            from inercal.host.tasks import host_plan
+            from inercal.runfile import read
+
+            bench = host_plan(read(run_file)).bench
+        seen = host_devices.probe_table(table, bench)
         content["table"] = asdict(seen)
         lines += table_lines(seen)
     if imu:

@@ -1,6 +1,7 @@
 """Output of the verbs: tables, lines, verdicts, JSON and progress.
 
-A cell of a table that is too wide goes on in its next line and is never cut.
+A cell of a table that is too wide goes on in its next line; one of more than 200 characters, which
+only a file can hold, is cut.
 """
 
 import json
@@ -163,21 +164,21 @@ def number_heads(heads: Iterable[str], numbers: Iterable[str]) -> list[str]:
     return [f">{head}" if head.startswith(tuple(numbers)) else head for head in heads]
 
 
-def print_line(text: str, style: str = "") -> None:
-    """Print a line; one that no person reads to its end is cut."""
+def print_line(text: str, style: str = "", *, whole: bool = False) -> None:
+    """Print a line; one that no person reads to its end is cut, unless it is wanted whole."""
     from rich.text import Text
 
     from inercal.cli.terminal import terminal
 
-    if len(text) > _MAX_LINE:
+    if len(text) > _MAX_LINE and not whole:
         text = f"{text[:_MAX_LINE]}… ({len(text)} characters; --json prints all)"
     terminal(highlight=False).print(Text(text, style))
 
 
-def print_lines(texts: Iterable[str], bullet: str = "") -> None:
-    """Print lines, each with the same beginning."""
+def print_lines(texts: Iterable[str], bullet: str = "", *, whole: bool = False) -> None:
+    """Print lines, each with the same beginning, as `print_line` does."""
     for text in texts:
-        print_line(f"{bullet}{text}")
+        print_line(f"{bullet}{text}", whole=whole)
 
 
 def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
@@ -207,9 +208,10 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     print_table(heads, rows, title=title(calibration), section=axis_of)
     summary, *others = outcome.verdict.lines
     print_line(outcome.verdict.word.capitalize(), f"bold {_COLOURS[outcome.verdict.tone]}")
-    print_line(summary, "bold")
-    print_lines(others, "· ")
-    print_lines(conformity_lines(calibration))
+    # Whole: of a verdict no other output has the lines.
+    print_line(summary, "bold", whole=True)
+    print_lines(others, "· ", whole=True)
+    print_lines(conformity_lines(calibration), whole=True)
 
 
 def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:

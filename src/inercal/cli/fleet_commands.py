@@ -342,14 +342,11 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
     suffixes = {Path(row.recording).suffix for row in line.rows}
     print(f"watching {folder}: {len(line.rows)} sensors", flush=True)
 
-    def say(text: str) -> None:
-        report_line(text)
-
     limit = TimeLimit(timeout)
     failed = done = 0
     try:
         with open_tolerant_executor(1) as executor:
-            for path in arriving_files(folder, poll, known_files(line, out), suffixes, say):
+            for path in arriving_files(folder, poll, known_files(line, out), suffixes, report_line):
                 try:
                     result = calibrate_arrival(line, path, out, executor, limit)
                 except InputError as error:  # a disk is full, or away

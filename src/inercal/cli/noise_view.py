@@ -34,9 +34,9 @@ def print_analysis(analysis: NoiseAnalysis) -> None:
         title=f"{analysis.source or 'recording'}: noise of {analysis.duration:.4g} s",
         section=str,
     )
-    print_lines(analysis.remarks)
+    print_lines(analysis.remarks, whole=True)
     for channel in analysis.channels:
-        print_lines(channel_remarks(channel), f"{channel.channel}: ")
+        print_lines(channel_remarks(channel), f"{channel.channel}: ", whole=True)
 
 
 def print_sheet(sheet: DataSheetNoise) -> None:

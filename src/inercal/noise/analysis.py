@@ -19,7 +19,7 @@ from inercal.noise.channel_model import ChannelSummary, conclude, selection_with
 from inercal.noise.channel_noise import (
     ChannelNoise,
     NoiseAnalysis,
-    Quantity,
+    SensorKind,
     coefficient_unit,
     quantity_of,
 )
@@ -92,7 +92,7 @@ def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) ->
     return f"K with the disturbed times: {with_them}; without: {without}{how}"
 
 
-def _walk(fit: NoiseFit, quantity: Quantity) -> str:
+def _walk(fit: NoiseFit, quantity: SensorKind) -> str:
     unit = coefficient_unit("K", quantity)
     variance = fit.variance("K")
     return f"{np.sqrt(variance) / si_factor(unit):.3g} {unit}" if variance > 0 else "none"

@@ -16,7 +16,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.noise.band_edge import band_below
-from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal, Quantity
+from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal
 from inercal.noise.coefficients import (
     Method,
     estimate_coefficients,
@@ -33,6 +33,7 @@ from inercal.noise.likelihood import extended, fit_terms
 from inercal.noise.lines import SpectralLine
 from inercal.noise.selection import Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, make_bins
+from inercal.physics.quantities import SensorKind
 
 REFUSED = ("N", "B", "K")
 BEFORE_FILTER = "NBK"
@@ -82,7 +83,7 @@ class ChannelSummary:
     """
 
     channel: str
-    quantity: Quantity
+    quantity: SensorKind
     n: int
     longest: int
     dt: float

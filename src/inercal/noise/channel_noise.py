@@ -16,11 +16,10 @@ from inercal.noise.selection import Selection
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import TERMS
 from inercal.physics.quantities import QUANTITIES as MEASURED
+from inercal.physics.quantities import SensorKind
 
-Quantity = str
-"""The word for the sensor of `inercal.physics.quantities`: "accelerometer" or "gyro"."""
-SI_UNIT: dict[Quantity, str] = {one.sensor: one.unit for one in MEASURED.values()}
-QUANTITIES: tuple[Quantity, ...] = tuple(SI_UNIT)
+SI_UNIT: dict[SensorKind, str] = {one.sensor: one.unit for one in MEASURED.values()}
+QUANTITIES: tuple[SensorKind, ...] = tuple(SI_UNIT)
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class NoiseCoefficient:
         return si_factor(self.unit)
 
 
-def coefficient_unit(symbol: str, quantity: Quantity) -> str:
+def coefficient_unit(symbol: str, quantity: SensorKind) -> str:
     """Return the unit in which a coefficient is printed."""
     return "s" if symbol == "T" else TERMS[symbol].units[quantity]
 
@@ -143,7 +142,7 @@ class ChannelNoise:
     """
 
     channel: str
-    quantity: Quantity
+    quantity: SensorKind
     n: int
     dt: float
     mean: float
@@ -230,12 +229,12 @@ class NoiseAnalysis:
             f"no channel {name!r}; there are {', '.join(one.channel for one in self.channels)}"
         )
 
-    def of(self, quantity: Quantity) -> tuple[ChannelNoise, ...]:
+    def of(self, quantity: SensorKind) -> tuple[ChannelNoise, ...]:
         """Return the channels of a quantity."""
         return tuple(one for one in self.channels if one.quantity == quantity)
 
 
-def quantity_of(unit: str, channel: str) -> Quantity:
+def quantity_of(unit: str, channel: str) -> SensorKind:
     """Return whether a unit is of angular rate or of acceleration.
 
     Raises

@@ -15,7 +15,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.noise.band_edge import ADDED_RELATIVE_U
-from inercal.noise.channel_noise import NoiseCoefficient, Quantity, coefficient_unit
+from inercal.noise.channel_noise import NoiseCoefficient, coefficient_unit
 from inercal.noise.cross_checks import Estimates, gmwm, slopes, wls_log
 from inercal.noise.deviations import Deviations
 from inercal.noise.filter_search import settled_filter
@@ -30,6 +30,7 @@ from inercal.noise.numerics import pseudo_inverse
 from inercal.noise.selection import Selection, Significance, is_time_limit, significance_limit
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import FLICKER_FLOOR, TERMS, model_psd
+from inercal.physics.quantities import SensorKind
 
 Method = Literal["likelihood", "gmwm", "wls_log"]
 METHODS: tuple[str, ...] = get_args(Method)
@@ -73,7 +74,7 @@ def estimate_coefficients(
     selection: Selection,
     bins: Bins,
     oadev: Deviations,
-    quantity: Quantity,
+    quantity: SensorKind,
     method: Method,
     n: int,
 ) -> tuple[tuple[NoiseCoefficient, ...], dict[str, Estimates]]:
@@ -142,7 +143,7 @@ def _time_constant(fit: NoiseFit, bins: Bins) -> NoiseCoefficient:
     return NoiseCoefficient("T", name, time, u, time / spread, time * spread, "s")
 
 
-def _absent(symbol: str, fit: NoiseFit, bins: Bins, quantity: Quantity) -> NoiseCoefficient:
+def _absent(symbol: str, fit: NoiseFit, bins: Bins, quantity: SensorKind) -> NoiseCoefficient:
     """Return the upper limit of a term that is not in the model."""
     time = fit.markov_time if "G" in fit.symbols else None
     wider = fit_terms(bins, (*fit.symbols, symbol), time)
@@ -172,7 +173,7 @@ def _coefficient(
     estimate: tuple[float, float],
     fit: NoiseFit,
     bins: Bins,
-    quantity: Quantity,
+    quantity: SensorKind,
     test: Significance | None,
     *,
     is_open: bool = False,
@@ -232,7 +233,8 @@ def hidden_terms(selection: Selection, seconds: float) -> tuple[str, ...]:
     fit = selection.fit
     white, flicker, walk = (fit.variance(one) for one in "NBK")
     longest = seconds / 2
-    # Compared with the longest are the times at which Allan variances of two terms are equal.
+    # A term is hidden where its Allan variance reaches that of white noise only beyond the longest
+    # averaging time.
     if flicker > 0 and white / (FLICKER_FLOOR * flicker) > longest:
         return tuple(one for one in fit.symbols if one in "BK")
     if flicker == 0 and walk > 0 and np.sqrt(3 * white / walk) > longest:

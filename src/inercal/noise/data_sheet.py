@@ -17,9 +17,10 @@ from math import nan, pi, sin, sqrt
 from typing import Literal
 
 from inercal.basics.units import si_factor
-from inercal.noise.channel_noise import QUANTITIES, Quantity, coefficient_unit
+from inercal.noise.channel_noise import QUANTITIES, coefficient_unit
 from inercal.noise.sensor_noise import SensorNoise, TriadNoise, root_mean_of_squares
 from inercal.noise.terms import FLICKER_FLOOR
+from inercal.physics.quantities import SensorKind
 
 WhiteKind = Literal["density", "random walk"]
 BiasKind = Literal["minimum", "coefficient"]
@@ -72,13 +73,13 @@ class DataSheetNoise:
 
     name: str
     rate_hz: float
-    coefficients: Mapping[Quantity, tuple[SheetCoefficient, ...]]
+    coefficients: Mapping[SensorKind, tuple[SheetCoefficient, ...]]
     remarks: tuple[str, ...] = ()
 
     @property
     def sensor_noise(self) -> SensorNoise:
         """The noise as other programs take it."""
-        triads = {
+        triads: dict[SensorKind, TriadNoise] = {
             quantity: _triad(quantity, self.coefficients[quantity], self.rate_hz)
             for quantity in QUANTITIES
             if quantity in self.coefficients
@@ -90,13 +91,13 @@ class DataSheetNoise:
         """The remarks, and that there is no uncertainty."""
         return (_NO_UNCERTAINTY, *self.remarks)
 
-    def coefficient(self, quantity: Quantity, symbol: str) -> SheetCoefficient | None:
+    def coefficient(self, quantity: SensorKind, symbol: str) -> SheetCoefficient | None:
         """Return a coefficient, or None."""
         found = self.coefficients.get(quantity, ())
         return next((one for one in found if one.symbol == symbol), None)
 
 
-def _triad(quantity: Quantity, found: Sequence[SheetCoefficient], rate_hz: float) -> TriadNoise:
+def _triad(quantity: SensorKind, found: Sequence[SheetCoefficient], rate_hz: float) -> TriadNoise:
     axes = tuple({one.symbol: one.of_axis(k) for one in found} for k in range(3))
     values: dict[str, tuple[float, float | None]] = {one.symbol: (one.mean, None) for one in found}
     origins = {one.symbol: one.stated for one in found}
@@ -165,7 +166,7 @@ def minimum_without_flicker(white: float, walk: float) -> float:
     return sqrt(2 * white * walk / sqrt(3))
 
 
-def shown(value: float, symbol: str, quantity: Quantity) -> str:
+def shown(value: float, symbol: str, quantity: SensorKind) -> str:
     """Return a coefficient in the unit in which it is printed: "0.339 °/√h"."""
     unit = coefficient_unit(symbol, quantity)
     return f"{value / si_factor(unit):.3g} {unit}"

@@ -12,7 +12,7 @@ from inercal.noise.channel_noise import (
     QUANTITIES,
     ChannelNoise,
     NoiseAnalysis,
-    Quantity,
+    SensorKind,
     coefficient_unit,
 )
 from inercal.noise.data_sheet import DataSheetNoise, SheetCoefficient, shown
@@ -41,7 +41,7 @@ class SheetComparison:
     """
 
     channel: str
-    quantity: Quantity
+    quantity: SensorKind
     symbol: str
     value: float
     u: float

@@ -10,10 +10,11 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_value_and_uncertainty, si_factor
-from inercal.noise.channel_noise import SI_UNIT, Quantity, coefficient_unit
+from inercal.noise.channel_noise import SI_UNIT, coefficient_unit
 from inercal.noise.filter_file import filter_text
 from inercal.noise.sensor_noise import SensorNoise, TriadNoise, require_rate
 from inercal.noise.terms import FLICKER_FLOOR
+from inercal.physics.quantities import SensorKind
 
 HORIZON = 100.0  # s, over which a filter without B is to be right
 _KEYS = {"N": "white", "B": "bias_instability", "K": "random_walk"}
@@ -147,7 +148,7 @@ def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
     """
     lines = [f"{_MARK}: Kalibr, continuous-time, of {noise.source}"]
     rate = 0.0
-    names: dict[Quantity, str] = {"accelerometer": "accelerometer", "gyro": "gyroscope"}
+    names: dict[SensorKind, str] = {"accelerometer": "accelerometer", "gyro": "gyroscope"}
     for quantity, name in names.items():
         unit = SI_UNIT[quantity]
         triad = noise.triads.get(quantity)
@@ -175,7 +176,7 @@ def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
         A kind of axes has no white noise, or there is no sampling rate.
     """
     lines = [f"{_MARK}: ROS sensor_msgs/Imu, of {noise.source}"]
-    names: dict[Quantity, tuple[str, str]] = {
+    names: dict[SensorKind, tuple[str, str]] = {
         "gyro": ("angular_velocity", "gyroscope"),
         "accelerometer": ("linear_acceleration", "accelerometer"),
     }

@@ -24,7 +24,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.noise.channel_noise import QUANTITIES, Quantity, quantity_of
+from inercal.noise.channel_noise import QUANTITIES, quantity_of
+from inercal.physics.quantities import SensorKind
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
 from inercal.recordings.io.rest_norm import (
@@ -66,7 +67,7 @@ def check_rest_units(recording: Recording, gravity: float | None) -> tuple[str, 
     """
     if gravity is None:
         return ()
-    columns: dict[Quantity, list[int]] = {one: [] for one in QUANTITIES}
+    columns: dict[SensorKind, list[int]] = {one: [] for one in QUANTITIES}
     for k, unit in enumerate(recording.units):
         columns[quantity_of(unit, recording.channels[k])].append(k)
     found = columns["accelerometer"]
@@ -115,7 +116,7 @@ def movement(recording: Recording) -> str:
     if count < 2 * size:
         return ""
     starts = (recording.time - recording.time[0])[: count // size * size : size]
-    found: dict[Quantity, list[_Windows]] = {one: [] for one in QUANTITIES}
+    found: dict[SensorKind, list[_Windows]] = {one: [] for one in QUANTITIES}
     for k, unit in enumerate(recording.units):
         y = recording.data[: count // size * size, k] * si_factor(unit)
         kind = quantity_of(unit, recording.channels[k])

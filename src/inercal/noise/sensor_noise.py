@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from inercal.basics.errors import InputError
-from inercal.noise.channel_noise import QUANTITIES, ChannelNoise, NoiseAnalysis, Quantity
+from inercal.noise.channel_noise import QUANTITIES, ChannelNoise, NoiseAnalysis
 from inercal.noise.terms import FLICKER_FLOOR
 from inercal.noise.texts import filter_notes
+from inercal.physics.quantities import SensorKind
 
 MARKOV_PEAK = 0.617  # of σ: the largest Allan deviation of a Gauss–Markov process
 
@@ -39,7 +40,7 @@ class TriadNoise:
         What a data sheet states, for comments.
     """
 
-    quantity: Quantity
+    quantity: SensorKind
     axes: tuple[Mapping[str, float], ...]
     values: dict[str, tuple[float, float | None]]
     notes: tuple[str, ...]
@@ -64,7 +65,7 @@ class SensorNoise:
 
     source: str
     duration: float
-    triads: dict[Quantity, TriadNoise]
+    triads: dict[SensorKind, TriadNoise]
     is_data_sheet: bool = False
 
 
@@ -77,7 +78,7 @@ def sensor_noise(analysis: NoiseAnalysis) -> SensorNoise:
         The coefficients of a channel are refused.
     """
     require_stated(analysis)
-    triads = {
+    triads: dict[SensorKind, TriadNoise] = {
         quantity: _triad(axes, quantity)
         for quantity in QUANTITIES
         if (axes := analysis.of(quantity))
@@ -141,7 +142,7 @@ def root_mean_of_squares(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _triad(axes: Sequence[ChannelNoise], quantity: Quantity) -> TriadNoise:
+def _triad(axes: Sequence[ChannelNoise], quantity: SensorKind) -> TriadNoise:
     values: dict[str, tuple[float, float | None]] = {}
     limits: list[str] = []
     for symbol in "NBK":

@@ -22,6 +22,7 @@ from inercal.noise.pieces import FEWEST
 from inercal.noise.recording_checks import check_rest_units
 from inercal.noise.spectrum import Band, remove_band
 from inercal.noise.streaming import StreamedChannel, StreamedMeans
+from inercal.physics.quantities import SensorKind
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
 
@@ -92,7 +93,9 @@ class NoiseStream:
         self.duration: float | None = None  # s, where times are known
         self.remarks: list[str] = []
         self._channels = tuple(channels)
-        self._quantities = [quantity_of(*one) for one in zip(units, channels, strict=True)]
+        self._quantities: list[SensorKind] = [
+            quantity_of(*one) for one in zip(units, channels, strict=True)
+        ]
         self._sizes = [si_factor(unit) for unit in units]
         self._starts: list[float] = []
         self._pieces: list[list[StreamedChannel]] = []
@@ -214,9 +217,11 @@ class NoiseStream:
         ]
         octaves = join_deviations([part.oadev() for part in parts])
         values, dt = parts[0].low_values()
-        regressors = drift_regressors(values.size, dt, self._temperatures[0].means())
         n = sum(part.count for part in parts)
         single = len(parts) == 1
+        regressors = (
+            drift_regressors(values.size, dt, self._temperatures[0].means()) if single else {}
+        )
         remarks = [text for part in parts for text in part.remarks(self._channels[k], self.source)]
         remarks += [f"{low:g}–{high:g} Hz were left out of the fit" for low, high in skipped_bands]
         return ChannelSummary(
@@ -237,7 +242,7 @@ class NoiseStream:
             ),
             remarks=tuple(dict.fromkeys(remarks)),
             low_values=values if single else None,
-            regressors=regressors if single else {},
+            regressors=regressors,
             step=max(parts, key=lambda part: part.count).rounding_step(),
         )
 

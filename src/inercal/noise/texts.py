@@ -4,14 +4,14 @@ from math import inf, isinf
 
 from inercal.basics.units import format_value_and_uncertainty, si_factor
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, Quantity
+from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient
 from inercal.noise.coefficients import length_for
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.output_filter import OutputFilter
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, SensorKind
 
 _WANTED = {"N": 0.01, "B": 0.1, "K": 0.2, "G": 0.2}  # relative u, of the length to record
-SHOWN_UNIT: dict[Quantity, str] = {one.sensor: one.bias_unit for one in QUANTITIES.values()}
+SHOWN_UNIT: dict[SensorKind, str] = {one.sensor: one.bias_unit for one in QUANTITIES.values()}
 """In which changes, lines and deviations are stated."""
 FILTER_HEADS = ("channel", "shape", "cut-off, Hz", "U (k = 2)", "power at half the rate",
                 "gain of the criterion")  # fmt: skip
@@ -97,7 +97,7 @@ def duration_text(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"
 
 
-def disturbance_text(one: Disturbance, quantity: Quantity) -> str:
+def disturbance_text(one: Disturbance, quantity: SensorKind) -> str:
     """Return the kind, time, length and size of a disturbance."""
     shown = SHOWN_UNIT[quantity]
     size = one.size / si_factor(shown)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Measures = Literal["f", "w"]
+SensorKind = Literal["accelerometer", "gyro"]
 """The symbol of a quantity in `QUANTITIES`."""
 
 
@@ -30,7 +31,7 @@ class Quantity:
 
     symbol: Measures
     name: str
-    sensor: str
+    sensor: SensorKind
     sensors: str
     unit: str
     ascii_unit: str

@@ -23,7 +23,7 @@ from inercal.report.noise_figures import (
     spectrogram_figure,
     time_figure,
 )
-from inercal.report.report_tables import typeset_minus
+from inercal.report.report_tables import sentence, typeset_minus
 from inercal.report.templates import render
 
 
@@ -64,7 +64,7 @@ def noise_page(
         sheet=None if sheet is None else sheet.name,
         sheet_heads=HEADS,
         sheet_rows=[tuple(map(typeset_minus, one.cells)) for one in compared],
-        sheet_remarks=[f"{one[0].upper()}{one[1:]}." for one in of_sheet],
+        sheet_remarks=[sentence(one) for one in of_sheet],
     )
 
 

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
-from inercal.noise.channel_noise import Quantity
+from inercal.noise.channel_noise import QUANTITIES
 from inercal.noise.data_sheet import (
     BandwidthKind,
     BiasKind,
@@ -27,6 +27,7 @@ from inercal.noise.data_sheet import (
     white_noise,
     white_noise_of_rms,
 )
+from inercal.physics.quantities import SensorKind
 from inercal.physics.section_settings import Section, key_error, si_value
 from inercal.runfile.sensor_builder import READING_UNITS
 from inercal.runfile.validation_errors import schema_error
@@ -87,9 +88,9 @@ def _noise(sheet: DataSheetSection, stem: str) -> DataSheetNoise:
     rate = 0.0
     if sheet.rate is not None:
         rate = _positive(sheet.rate, "Hz", "[datasheet] rate")
-    coefficients: dict[Quantity, tuple[SheetCoefficient, ...]] = {}
+    coefficients: dict[SensorKind, tuple[SheetCoefficient, ...]] = {}
     remarks: list[str] = []
-    for quantity in READING_UNITS:
+    for quantity in QUANTITIES:
         section = getattr(sheet, quantity)
         if section is not None:
             coefficients[quantity] = _Reader(quantity, section, rate, remarks).coefficients()
@@ -112,9 +113,9 @@ class _Reader:
     """Turns one section into coefficients; adds remarks."""
 
     def __init__(
-        self, quantity: Quantity, section: SheetNoiseSection, rate: float, remarks: list[str]
+        self, quantity: SensorKind, section: SheetNoiseSection, rate: float, remarks: list[str]
     ):
-        self._quantity: Quantity = quantity
+        self._quantity: SensorKind = quantity
         self._section = section
         self._rate, self._remarks = rate, remarks
         self._unit = READING_UNITS[quantity]

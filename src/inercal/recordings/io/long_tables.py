@@ -149,9 +149,9 @@ _Header = tuple[tuple[int, ...], bool, np.dtype[Any]]  # shape, whether by colum
 
 def _header(stored: Any) -> _Header:
     """Return the header of a stored array; its values follow."""
-    first = np.lib.format.read_magic(stored) == (1, 0)
+    version_1 = np.lib.format.read_magic(stored) == (1, 0)
     lib = np.lib.format
-    return lib.read_array_header_1_0(stored) if first else lib.read_array_header_2_0(stored)
+    return lib.read_array_header_1_0(stored) if version_1 else lib.read_array_header_2_0(stored)
 
 
 def _npz_headers(path: Path) -> tuple[dict[str, _Header], tuple[str, ...]] | None:
@@ -190,11 +190,17 @@ def _npz_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
     headers, all_names = found
     block = set(headers) != set(all_names)  # one array holds all columns
     with zipfile.ZipFile(path) as archive:
-        files = {name: archive.open(f"{name}.npy") for name in (headers if block else names)}
-        rows = {_header(file)[0][0] for file in files.values()}.pop()
+        wanted = list(headers) if block else list(names)
+        files = [archive.open(f"{name}.npy") for name in wanted]
+        for file in files:
+            _header(file)  # the values follow it
+        rows = headers[wanted[0]][0][0]
         for start in range(0, rows, BLOCK_ROWS):
             count = min(BLOCK_ROWS, rows - start)
-            parts = [_values(files[name], name, headers[name], count) for name in files]
+            parts = [
+                _values(file, name, headers[name], count)
+                for file, name in zip(files, wanted, strict=True)
+            ]
             values = np.concatenate(parts, axis=1)
             yield values[:, [all_names.index(name) for name in names]] if block else values
 

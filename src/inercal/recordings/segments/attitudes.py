@@ -60,7 +60,7 @@ def valid_marks(
     return tuple(usable), tuple(findings)
 
 
-def flaws(recording: Recording, mark: Mark) -> Iterator[Finding]:
+def flaws_of_mark(recording: Recording, mark: Mark) -> Iterator[Finding]:
     """Yield the findings of saturated or stuck samples of a mark."""
     for one in recording.findings:
         if one.what not in INVALID_SAMPLES or one.start is None or one.stop is None:

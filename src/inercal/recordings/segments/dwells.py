@@ -35,7 +35,7 @@ from inercal.recordings import (
     Recording,
     add_rounding,
 )
-from inercal.recordings.segments.attitudes import flaws
+from inercal.recordings.segments.attitudes import flaws_of_mark
 from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps
 
@@ -168,7 +168,7 @@ def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
 
 def flaw_text(recording: Recording, mark: Mark) -> str | None:
     """Return the audit's message on saturated or stuck samples of a mark, if any."""
-    return next((flaw.message for flaw in flaws(recording, mark)), None)
+    return next((flaw.message for flaw in flaws_of_mark(recording, mark)), None)
 
 
 def average_dwells(

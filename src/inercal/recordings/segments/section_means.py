@@ -32,7 +32,7 @@ from inercal.estimation.uncertainty import BATCHES, pooled_mean_covariances
 from inercal.physics.plan import Rotation, Step, Turn
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Mark, Observations, Recording, add_rounding
-from inercal.recordings.segments.attitudes import flaws
+from inercal.recordings.segments.attitudes import flaws_of_mark
 from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.hand_motion_noise import (
     density_without_hand_motion,
@@ -218,7 +218,7 @@ def observe(
 def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:
     """Refuse a section with saturated or stuck samples, or a turn with lost samples."""
     where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"
-    for flaw in flaws(recording, mark):
+    for flaw in flaws_of_mark(recording, mark):
         if flaw.channel is None or flaw.channel in channels:
             raise InputError(
                 f"{where} cannot be used: {flaw.message}; mark a section without it or record "

@@ -71,7 +71,7 @@ def section(trials: CentrifugeTrials) -> StudySection:
         "full circle, three rates": steps("full-circle"),
     }
     ranks = {name: (spins, *rank_and_condition(spins)) for name, spins in plans.items()}
-    of_once, of_twice = (rank_and_condition(spins)[0] for spins in (once, twice))
+    of_once, of_twice = (rank for _, rank, _ in list(ranks.values())[:2])
     sets = {
         **{f"{name}, scatter": trials.std(name) for name in ESTIMATORS},
         "bound: norms": trials.bound,
