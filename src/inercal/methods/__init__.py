@@ -1,6 +1,6 @@
 """Calibration methods by name, and the residuals that they share.
 
-**What a method is: a plan, the coefficients that it estimates, and named estimators.**
+A method has a plan, the coefficients that it estimates, and named estimators.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -8,13 +8,12 @@ The mountings XY, YX and ZY at 0, 46 and 86 r/min make nine equations of four un
 mountings are taken as exact: the covariance of the result includes the readings' noise and, to
 first order, the effects of pose, seat, speed and lean.
 
+A calibration's own covariance gives its error on new poses. Residuals of the fit show how well the
+model follows the fitted readings. A user needs the error of the corrected vector in other poses, δf
+= −S⁻¹ ∂h/∂c δc: a free direction shows only there.
+
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 1 to 5. The covariance is ours.
-
-**The error of a calibration on new poses, by its own covariance.**
-
-Residuals of the fit show how well the model follows the fitted readings. A user needs the error of
-the corrected vector in other poses, δf = −S⁻¹ ∂h/∂c δc: a free direction shows only there.
 """
 
 from collections.abc import Mapping

@@ -15,14 +15,13 @@ Rotating the triad changes no norm: of the misalignments only the non-orthogonal
 Remarks name coefficients that explain the scatter of the rows, and rows that violate the norm with
 the change that would repair each. No row is changed: only the user has the original of the table.
 
+A plan holds attitudes on the arm at several rates, for whole turns each. Norms determine an axis's
+coefficients by readings of both signs on it. In the twenty positions of Wang and Li 2021 ψ covers
+half a circle, and y never senses the arm from behind; on a full circle the worst coefficient is
+known seven times as well from as many dwells.
+
 Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021 (the observation);
 IEEE Std 836 (the bench); `ml` is ours.
-
-**Plans for the arm: attitudes at several rates, whole turns each.**
-
-Norms determine an axis's coefficients by readings of both signs on it. In the twenty positions of
-Wang and Li 2021 ψ covers half a circle, and y never senses the arm from behind; on a full circle
-the worst coefficient is known seven times as well from as many dwells.
 """
 
 from collections.abc import Sequence

@@ -16,15 +16,14 @@ g² does not show the common mounting angle. `patent` and `dual` take it from th
 compensated accelerometers sense gravity: its mean difference from the head's angles is their common
 mounting angle plus the mean error of the head, above all of its zero.
 
+Some sums of coefficients are known far better than each coefficient alone. An accelerometer that is
+vertical determines k1 + K3 g². Positions between would separate the two, but there the head's
+second harmonic has the same effect; a centrifuge separates them, or a polygon face at each
+position. Both mounting angles depend on the head's zero; the angle between the accelerometers does
+not.
+
 Source: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, rebuilt from
 the physics; IEEE Std 1293 for the tumble test; `joint` is ours.
-
-**Sums of coefficients that are known far better than each coefficient alone.**
-
-An accelerometer that is vertical determines k1 + K3 g². Positions between would separate the two,
-but there the head's second harmonic has the same effect; a centrifuge separates them, or a polygon
-face at each position. Both mounting angles depend on the head's zero; the angle between the
-accelerometers does not.
 """
 
 from dataclasses import replace

@@ -4,11 +4,7 @@ The results of the four points are fixed, and ‖f̂‖ = g at the other positio
 and K3, with k1 = (k1 + K3) − K3. There K_A3 and K_B3 have the same effect: their difference, and
 with it that of the k1, needs a prior. With δ the four points are computed again, then the rest.
 
-Source: CN101852817A, steps 4 to 6, equations 5 to 19, with the exact observation in place of the
-linear one, which fails at a bias of 1 mg and a mounting angle of 300″.
-
-**The four cardinal positions: bias, gain and K2 of both accelerometers from sums and differences.**
-
+The four cardinal positions give bias, gain and K2 of both accelerometers by sums and differences.
 With u and v the readings of a level accelerometer (0° and 180° for A, 270° and 90° for B) and n, m
 those of a vertical one, up and down (90° and 270°, 0° and 180°), in g::
 
@@ -23,7 +19,9 @@ different. There the other accelerometer is level and determines it, once δ is 
 
     k1 + K3 = (n − m) / (2 cos φ) − 1        φ_A = φ of B − δ        φ_B = φ of A + δ
 
-Source: CN101852817A, step 4, equations 17 and 18; the root and φ are ours.
+Sources: CN101852817A, steps 4 to 6, equations 5 to 19, with the exact observation in place of the
+linear one, which fails at a bias of 1 mg and a mounting angle of 300″; CN101852817A, step 4,
+equations 17 and 18; the root and φ are ours.
 """
 
 from dataclasses import replace

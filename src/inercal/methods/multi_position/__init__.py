@@ -14,16 +14,15 @@ of means states is not reduced. Terms that the model
 omits are tested with the noise before anything is added
 (`inercal.methods.multi_position.rest_candidates`).
 
+The gyros' delay against the accelerometers follows from the way between rests. Gravity's direction
+u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u, and the specific
+force is ahead of g u by τ g u × ω. Each transition gives the τ of its best fit. The hand's
+acceleration changes these values independently, so their scatter gives the uncertainty.
+
+Advice names what would improve a result.
+
 Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
 Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rotations between rests).
-
-**The gyros' delay against the accelerometers, from the way between rests.**
-
-Gravity's direction u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u,
-and the specific force is ahead of g u by τ g u × ω. Each transition gives the τ of its best fit.
-The hand's acceleration changes these values independently, so their scatter gives the uncertainty.
-
-**Advice on how to improve a multi_position result.**
 """
 
 # pyright: reportMissingTypeStubs=false

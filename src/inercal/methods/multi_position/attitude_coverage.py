@@ -9,11 +9,9 @@ Attitudes to add are taken one after another from the 26 directions of a cube's 
 corners: each time the one that, with the turn that leads to it, adds most to the determinant of
 the information matrix (D-optimal; Fedorov 1972, Theory of Optimal Experiments, chapter 3).
 
-**Refusal of rests and turns that do not determine the coefficients.**
-
-A combination of coefficients is not observed where the errors of a geometry
-(`attitude_coverage.GeometryErrors`) would shift it by a tenth of its natural size (10 % of scale,
-0.1 g of bias, 0.1 rad).
+Rests and turns that do not determine the coefficients are refused. A combination of coefficients is
+not observed where the errors of a geometry (`attitude_coverage.GeometryErrors`) would shift it by a
+tenth of its natural size (10 % of scale, 0.1 g of bias, 0.1 rad).
 """
 
 from collections.abc import Sequence

@@ -12,10 +12,9 @@ rests. Gravity only changes the scale of the accelerometers, and the clock only 
 they are candidates because the verdict lists what no residual shows. Further misalignments of the
 accelerometers are not, because they only turn the frame, which is defined by the accelerometers.
 
-**The change of the accelerometers within a rest, minus the tilt by the gyros.**
-
-A hand sways: a tilt across gravity is not a fault. With Δf̂ the change of f̂ from the first half of
-a rest to the second and θ what the corrected rate turns through between their mean attitudes
+The change of the accelerometers within a rest is compared with the tilt by the gyros. A hand sways:
+a tilt across gravity is not a fault. With Δf̂ the change of f̂ from the first half of a rest to the
+second and θ what the corrected rate turns through between their mean attitudes
 (`inercal.recordings.segments.rest_changes`), three rows for each rest are
 
     d = Δf̂ − f̂ × θ

@@ -9,29 +9,25 @@ the case is not sensed.
 What a plan does not determine is refused by name, whatever residual excitation by the earth's rate
 or by errors of the bench there is (`inercal.methods.rates_and_poses.plan_structure`).
 
-Source: IEEE Std 952 and 1431, scale-factor and bias tests on a rate table; IEEE Std 1293,
-multipoint tests; the likelihood is ours.
-
-**The classical evaluation of a rate test: least squares of the readings with equal weights.**
-
-Each axis by itself, y = c + K ω_I + δ_O ω_P − δ_P ω_O and the further terms that are chosen, over
-the stated rates, rests and poses, with the vertical part of the earth's rate. K is the slope of the
+The classical evaluation of a rate test is least squares of the readings with equal weights. Each
+axis by itself, y = c + K ω_I + δ_O ω_P − δ_P ω_O and the further terms that are chosen, over the
+stated rates, rests and poses, with the vertical part of the earth's rate. K is the slope of the
 straight line of IEEE Std 528, and 1 + scale where no nonlinear term is left out.
 
 The bench is taken as exact: the covariance is that of the noise of the means alone. The problem of
 `ml`, in which the errors of the bench have their stated deviations, tests whether the readings
 agree with one another.
 
-Sources: IEEE Std 528, 952 and 1431.
+Terms with the sign of the input are left out in readings of axes without a nominal input. A gyro
+across the table's axis senses Ω t, t the error of the setting, and its asymmetry adds ½ κ′ |Ω t|.
+As the misalignments are as good as free, the estimate of t is near zero, where this term has a kink
+that stops a search. Its sign is that of an error, and its size, 0.1 °/h at κ′ = 500 ppm, 200 °/s
+and 0.05°, is below the noise of a dwell.
 
-**Terms with the sign of the input, in readings of axes without a nominal input.**
+A plan has settings with a case axis up, and poses about level.
 
-A gyro across the table's axis senses Ω t, t the error of the setting, and its asymmetry adds
-½ κ′ |Ω t|. As the misalignments are as good as free, the estimate of t is near zero, where this
-term has a kink that stops a search. Its sign is that of an error, and its size, 0.1 °/h at κ′ = 500
-ppm, 200 °/s and 0.05°, below the noise of a dwell: these terms are left out there.
-
-**Plans of rates and poses: settings with a case axis up, and poses about level.**
+Sources: IEEE Std 952 and 1431, scale-factor and bias tests on a rate table; IEEE Std 1293,
+multipoint tests; the likelihood is ours; IEEE Std 528, 952 and 1431.
 """
 
 from collections.abc import Mapping

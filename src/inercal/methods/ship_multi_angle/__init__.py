@@ -12,16 +12,16 @@ Norms do not observe a rotation of the triad, and the value that damping or a se
 no measurement: both estimators name the free directions and the source of their uncertainty. Equal
 sums of squares of both validate neither.
 
-Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
-10.13873/J.1000-9787(2014)10-0021-04; its equations are illegible in our copy and rebuilt from its
-text. `joint`, `planar_norm` and all covariances are ours.
-
-**Untilted states as vectors and tilted ones as norms, with equal weights.**
+`planar_norm` takes untilted states as vectors and tilted ones as norms, with equal weights::
 
     minimise Σ |M a + p − f|² over untilted states + Σ (|M a + p| − √(A² + 1))² over tilted ones
 
 The vectors determine the rotations that norms leave free, so that no damping is necessary. The
 weights assume equal errors in g, and no nuisance is estimated: `joint` does both better. Ours.
+
+Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
+10.13873/J.1000-9787(2014)10-0021-04; its equations are illegible in our copy and rebuilt from its
+text. `joint`, `planar_norm` and all covariances are ours.
 """
 
 from dataclasses import replace

@@ -14,7 +14,7 @@ along the null directions N the result equals the start::
 to first order, J⁺ within Q. So the covariance of the start enters fully along N: it comes from the
 untilted states, from stated priors, or from the bounds of a search. None of it comes from damping.
 
-**The start of the damped iteration, and the uncertainty of the result along free directions.**
+The start of the damped iteration and its uncertainty along these directions are found here too.
 """
 
 from collections.abc import Sequence

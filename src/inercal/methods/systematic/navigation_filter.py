@@ -9,14 +9,12 @@ States are counted from a navigation with the coefficients of the start, whateve
 filter is that of a linear problem, and a further pass from the new coefficients is a Gauss–Newton
 step.
 
+Priors say what the filter knows before its first sample. Before the data coefficients have standard
+deviations of a tenth of their natural size (0.1 g, 10 %, 6°), many times what a recording leaves;
+biases of gyros, found with the azimuth, of half of their size and of the Earth's rate.
+
 Source: Savage 2000, Strapdown Analytics, chapter 18; Huang, Mourikis and Roumeliotis 2010,
 Observability-based rules for designing consistent EKF SLAM estimators (fixed linearisation).
-
-**What the filter of systematic calibration knows before its first sample, and where it starts.**
-
-Before the data coefficients have standard deviations of a tenth of their natural size (0.1 g, 10 %,
-6°), many times what a recording leaves; biases of gyros, found with the azimuth, of half of their
-size and of the Earth's rate.
 """
 
 from collections.abc import Sequence

@@ -1,13 +1,11 @@
 """Remarks on a systematic calibration: the lag, navigation errors, rests that move, weak paths.
 
-**Turns about the vertical: gravity at their two ends is the same, so azimuth alone measures them.**
-
-One ppm of a quarter turn is 0.3″, azimuth of a navigation-grade IMU 80″: such a turn says next to
+Turns about the vertical are measured by azimuth alone, since gravity is the same at both ends. One
+ppm of a quarter turn is 0.3″, azimuth of a navigation-grade IMU 80″: such a turn says next to
 nothing of the scale factor and the misalignments of the gyro about its axis.
 
-**Navigation errors that a calibration leaves, and those without it.**
-
-Over a rest of T seconds, from its own attitude, errors δf and δω of the body make a velocity::
+A calibration leaves errors of navigation, beside those that there are without any. Over a rest of T
+seconds, from its own attitude, errors δf and δω of the body make a velocity::
 
     v = C δf T − ½ g e_up × C δω T²
 

@@ -14,7 +14,7 @@ degrees is followed along the instants at which its reading changes
 Only biases are found: scale factors need motion. Of an accelerometer that reads the vertical part
 f of gravity the result is b(T) + s(T) f.
 
-**Findings and notes on a ramp: lag, direction, hysteresis, drift, and what accelerometers mix.**
+Findings and notes state lag, direction, hysteresis and drift, and what accelerometers mix.
 """
 
 from collections.abc import Sequence

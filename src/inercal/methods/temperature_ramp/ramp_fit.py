@@ -1,12 +1,10 @@
 """Generalised least squares of a ramp: coefficients, constants, and the lag where it is free.
 
-**Candidates of the score tests of a ramp: terms of temperature, a drift, and a warm-up.**
+The score tests have as candidates terms of temperature, a drift, and a warm-up. A warm-up exp(−t/τ)
+has an unknown time constant. The one that explains most is searched for, and its derivative to ln τ
+is a component of the candidate too: the test pays for the search by these directions.
 
-A warm-up exp(−t/τ) has an unknown time constant. The one that explains most is searched for, and
-its derivative to ln τ is a component of the candidate too: the test pays for the search by these
-directions.
-
-**The model of a ramp at rest: readings and their derivatives, axis by axis.**
+The model gives readings and their derivatives, axis by axis.
 """
 
 from collections.abc import Callable, Sequence

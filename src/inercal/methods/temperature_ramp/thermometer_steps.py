@@ -4,12 +4,10 @@ A thermometer that reports whole degrees says little by its readings and much by
 which they change: there the temperature is half way between two readings. Where the reading flips
 to and fro, its readings on either side are counted between the first flip and the last.
 
-**The course of a coarse thermometer as a spline whose nodes are estimated.**
-
-R(t) is a natural cubic spline through the crossings, both ends of the recording, and free points
-between crossings. It is linear in the values of its nodes, so its means over blocks are too. Each
-node has a value with a standard uncertainty: the free points that of the monotone cubic through
-crossings and ends.
+The course of a coarse thermometer is a spline whose nodes are estimated. R(t) is a natural cubic
+spline through the crossings, both ends of the recording, and free points between crossings. It is
+linear in the values of its nodes, so its means over blocks are too. Each node has a value with a
+standard uncertainty: the free points that of the monotone cubic through crossings and ends.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 The methods are `turntable_kalman`, `turntable_discrete` and `turntable_trajectory`.
 
-**Remarks on a fit: parameters of the turntable that are far from the values in the run file.**
+Remarks on a fit name parameters of the turntable that are far from their values in the run file.
 """
 
 from collections.abc import Mapping, Sequence

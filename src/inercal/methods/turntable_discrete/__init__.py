@@ -6,18 +6,17 @@ scale and misalignment. The table's errors are nuisances with their stated devia
 biases correlates neighbouring rows (`turntable.drift.covariance_of_means`), and a bias is its mean
 over the run. Accelerometers in rotations are not used: an unstated lever arm would add to them.
 
-Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
-Navigation Technology, 2nd edition, chapter 8.
-
-**The mean motion that an IMU on a turntable senses in a position, and over a rotation.**
-
-The readback's attitude C_k at times t_k is off by a small rotation φ_k = B_k β in the level frame::
+The motion is the mean of what an IMU senses in a position, or over a rotation. The readback's
+attitude C_k at times t_k is off by a small rotation φ_k = B_k β in the level frame::
 
     f̄ = mean Cᵀ(v + v × φ),  v = (0, 0, g)
     ω̄ = mean Cᵀ(Ω + Ω × φ) + Σ log(C_kᵀ C_k+1)/T + Σ Cᵀ (φ_k+1 − φ_k)/T
 
 with means by trapezoids, Ω the earth's rate. Over whole turns harmonics cancel by themselves. A
 readback that is late shifts the sum by its two ends: nothing from rest to rest or at a steady rate.
+
+Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
+Navigation Technology, 2nd edition, chapter 8.
 """
 
 from collections.abc import Mapping, Sequence

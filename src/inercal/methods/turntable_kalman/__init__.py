@@ -13,14 +13,13 @@ each other; a parameter of the table that both estimate is reported with the sma
 Their coefficients refer to the table's innermost axis frame: 24 in all. `Calibration.in_frame`
 turns them exactly into the 21 of a frame that is tied to the accelerometers.
 
+Both filters also follow a run while its samples come. The estimate equals that of the recording bit
+for bit, whatever the pieces: the same filters take the same steps. The final estimate may have
+larger uncertainties, by the excess of all innovations.
+
 Source: Liu, Cui, Zhang and Xu (North University of China), fast calibration of a MIMU on a
 turntable with LabVIEW. The available copy lacks the equations; they are derived from its text.
 Drift, delay and the table's errors as states are additions.
-
-**Both filters of a run over its samples as they come.**
-
-The estimate equals that of the recording bit for bit, whatever the pieces: the same filters take
-the same steps. The final estimate may have larger uncertainties, by the excess of all innovations.
 """
 
 from collections.abc import Mapping

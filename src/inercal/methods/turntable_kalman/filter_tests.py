@@ -1,7 +1,5 @@
 """Tests of both filters' models: innovations by step, and scores of constants without a state.
 
-**The test of a filter's innovations: whether noise and table are as stated.**
-
 The normalised innovations squared (NIS) are χ² if R is the noise, with as many degrees of freedom
 as components, less those that only give states of which nothing is known before (Bar-Shalom, Li and
 Kirubarajan 2001, Estimation with Applications to Tracking and Navigation, section 5.4). The

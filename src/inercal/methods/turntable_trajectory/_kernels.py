@@ -2,17 +2,16 @@
 
 Level frame and signs as in `inercal.methods.turntable.strapdown`.
 
-**How rates bend between samples: the angle of a step is that of a parabola, not of a trapezoid.**
-
-A trapezoid misses −Δt² (α₁ − α₀)/12 of an angle while the acceleration α is not zero: as much at
-the start of a turn as at its end, with the other sign, which is what a scale factor does. With the
+Between samples a rate bends: the angle of a step is that of a parabola, not of a trapezoid. A
+trapezoid misses −Δt² (α₁ − α₀)/12 of an angle while the acceleration α is not zero: as much at the
+start of a turn as at its end, with the other sign, which is what a scale factor does. With the
 second derivative ω″ in the middle of a step the angle to a share x of it is, but for Δt⁴ ω‴::
 
     Δt (ω₀ x + (ω₁ − ω₀) x²/2 − ω″ Δt² (x²/4 − x³/6))
 
 ω″ is the mean of those of the parabolas through the step and the sample before, and after.
 
-**Noise.** A reading counts once in the sum of all steps, but its parts are in two neighbouring
+A reading counts once in the sum of all steps, but its parts are in two neighbouring
 increments where an epoch ends between them: with u = x (1 − x) their covariance is γ(u) σ²,
 `neighbour_share`, σ² the variance of a sample's angle. So is that of a random walk that is observed
 with noise of the variance −γ σ², which is how filters take account of it.
