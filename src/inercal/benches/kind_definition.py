@@ -28,7 +28,7 @@ from inercal.physics.plan import Step
 from inercal.physics.section_settings import BenchSection, key_error
 from inercal.physics.sensors import Noise, Readout, Sensor, imu, triad
 from inercal.recordings import Recording
-from inercal.recordings.data import DataSection, EstimatorInput, Source
+from inercal.recordings.data import DataSection, EstimatorInput, RunBase
 
 if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection  # the kernels load with the readers
@@ -191,7 +191,7 @@ def keep_recording(recording: Recording, sensor: Sensor, bench: Any) -> Recordin
     return recording
 
 
-def no_files(run: Source[Any], done: SimulatedMotion, rng: np.random.Generator) -> dict[str, Any]:
+def no_files(run: RunBase[Any], done: SimulatedMotion, rng: np.random.Generator) -> dict[str, Any]:
     """Return no further files."""
     return {}
 
@@ -201,7 +201,7 @@ def no_plots(shown: ReportInput) -> tuple[Plot, ...]:
     return ()
 
 
-def no_tables(run: Source[Any], shown: ReportInput) -> dict[str, Columns]:
+def no_tables(run: RunBase[Any], shown: ReportInput) -> dict[str, Columns]:
     """Return no tables."""
     return {}
 
@@ -274,7 +274,7 @@ class Kind(Generic[B, D]):
     data: type[D]
     build: Callable[[Any, Path], B]
     steps: tuple[type, ...]
-    observe: Callable[[Source[D]], EstimatorInput]
+    observe: Callable[[RunBase[D]], EstimatorInput]
     simulate: Simulate[B]
     seconds: Callable[[B, Sequence[Any]], float] = total_step_duration
     words: Vocabulary = Vocabulary()
@@ -288,13 +288,13 @@ class Kind(Generic[B, D]):
     )
     plan: Callable[[Mapping[str, Any], B, Path, Plan], Plan] = keep_plan
     audit: Callable[[Recording, Sensor, B], Recording] = keep_recording
-    files: Callable[[Source[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (
+    files: Callable[[RunBase[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (
         no_files
     )
-    sheet: Callable[[Source[D]], Sheet] | None = None
-    rests: "Callable[[Source[D], Recording], RestDetection] | None" = None
+    sheet: Callable[[RunBase[D]], Sheet] | None = None
+    rests: "Callable[[RunBase[D], Recording], RestDetection] | None" = None
     directions: Callable[[ReportInput], tuple[MeasuredDirection, ...]] = specific_force_directions
     plots: Callable[[ReportInput], tuple[Plot, ...]] = no_plots
     row: Callable[[Step, ReportInput, int], str] = describe_row
-    tables: Callable[[Source[D], ReportInput], Mapping[str, Columns]] = no_tables
+    tables: Callable[[RunBase[D], ReportInput], Mapping[str, Columns]] = no_tables
     motion_control: MotionControl | None = None

@@ -71,7 +71,7 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
 
     None without accelerometers.
     """
-    if not shown.calibration.sensor.select_axes("f").axes:
+    if not shown.sensor.select_axes("f").axes:
         return ()
     sensed = shown.sensed_motion()
     result: list[MeasuredDirection] = []

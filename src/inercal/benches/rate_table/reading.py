@@ -18,7 +18,7 @@ from inercal.benches.rate_table.settings import RateTableData
 from inercal.physics.plan import Attitude, Spin
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding, Recording, join_observations
-from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
@@ -43,7 +43,7 @@ _NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)
 _MOST_TILT = 360.0  # °
 
 
-def observe(run: Source[RateTableData]) -> EstimatorInput:
+def observe(run: RunBase[RateTableData]) -> EstimatorInput:
     """Return the observations of a run on a rate table.
 
     Raises
@@ -63,7 +63,7 @@ def observe(run: Source[RateTableData]) -> EstimatorInput:
     return replace(result, conditions=_conditions(bench, steps))
 
 
-def _table(run: Source[RateTableData]) -> EstimatorInput:
+def _table(run: RunBase[RateTableData]) -> EstimatorInput:
     rate, unit = readback_columns(run)["arm_rate"], readback_units(run)["arm_rate"]
     wanted, path = reader_columns(run), run.file(run.data.file)
     where = str(run.data.mounting)
@@ -102,7 +102,7 @@ def _duplicate_row_findings(path: Path, table: Table, used: Sequence[str]) -> tu
     return tuple(found)
 
 
-def reduce_recording(run: Source[RateTableData], recording: Recording) -> EstimatorInput:
+def reduce_recording(run: RunBase[RateTableData], recording: Recording) -> EstimatorInput:
     """Reduce a recording: means of rests, and of steady turning over whole turns.
 
     Parameters

@@ -21,7 +21,7 @@ from inercal.physics.plan import Hold, Position
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording, Track, sample_count
-from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import load_recording
 from inercal.recordings.io.audit import require_accepted
 from inercal.recordings.io.rest_norm import audit_rest_norm
@@ -37,7 +37,7 @@ _MIN_RESTS = 6
 _NEAR = cos(radians(10))  # of a rest's up to that of the plan
 
 
-def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
+def observe_without_angles(run: RunBase[TurntableData]) -> EstimatorInput:
     """Return the rests of a recording and the track with their numbers.
 
     Raises
@@ -93,7 +93,7 @@ def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
     )
 
 
-def _require_samples(run: Source[TurntableData]) -> None:
+def _require_samples(run: RunBase[TurntableData]) -> None:
     """Refuse keys that change nothing here, and noise that is not stated."""
     if run.data.kind == "means":
         raise key_error(
@@ -155,7 +155,7 @@ def find_rests(time: Array, reading: Array, sensor: Sensor) -> Indices:
 
 
 def _name_rests(
-    run: Source[TurntableData], recording: Recording, rests: Indices, up: Array
+    run: RunBase[TurntableData], recording: Recording, rests: Indices, up: Array
 ) -> tuple[list[str], tuple[Finding, ...]]:
     """Return a name of each rest, (m,), and a warning where a stated plan has other attitudes.
 
