@@ -6,7 +6,6 @@ return data, which report and terminal draw and print.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -103,23 +102,6 @@ def accept_any_budget(bench: Any, steps: Sequence[Any]) -> str:
 def total_step_duration(bench: Any, steps: Sequence[Step]) -> float:
     """Return the sum of the durations of the steps, s."""
     return sum(step.seconds for step in steps)
-
-
-def import_when_called(module: str, function: str) -> Callable[..., Any]:
-    """Return a function of a module that is imported when the function is called.
-
-    Section detection needs compiled kernels, which plans do not use.
-
-    Parameters
-    ----------
-    module, function : str
-        Full name of the module, and the function's name in it.
-    """
-
-    def call(*arguments: Any) -> Any:
-        return getattr(import_module(module), function)(*arguments)
-
-    return call
 
 
 def simulate_without_sensor(

@@ -43,8 +43,7 @@ from inercal.recordings.data.recording_loader import (
 from inercal.recordings.data.rest_marks import check_rests, stated_marks
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
-from inercal.recordings.segments import check_marks, find_rests
-from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments import average_sections, check_marks, find_rests
 
 
 def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
@@ -157,7 +156,7 @@ def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
     names = None if found else [mark.label for mark in marks]
     steps = _steps(names, means | {"angle": np.array(angles)})
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
-    observations = averaged(recording, run.sensor, marks, steps, found=True)
+    observations = average_sections(recording, run.sensor, marks, steps, found=True)
     findings = recording.findings + moving
     return EstimatorInput(recording, marks, observations, steps, steps, findings)
 

@@ -33,6 +33,7 @@ from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.io.rest_norm import audit_rest_norm, rest_mean_finding
 from inercal.recordings.segments import (
     RestDetection,
+    average_sections,
     bias_jump_test,
     changes_within_rests,
     check_against_plan,
@@ -45,9 +46,6 @@ from inercal.recordings.segments import (
     search_sections,
     transitions_between_rests,
     valid_marks,
-)
-from inercal.recordings.segments import (
-    observe as averaged,
 )
 from inercal.recordings.segments.motion_thresholds import WINDOW
 
@@ -257,7 +255,7 @@ def _planned_sections(
     check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = check_marked_rests(run, recording, [mark for mark in marks if mark.label in holds])
-    observations = averaged(recording, run.sensor, marks, steps, found=True, drifting=True)
+    observations = average_sections(recording, run.sensor, marks, steps, found=True, drifting=True)
     if note:
         observations = replace(observations, notes=(*observations.notes, note))
     stated = run.data.model_fields_set & {"gyro", "gyro_file", "gyro_time"}
@@ -293,7 +291,7 @@ def _free_rests(
         check_marks(marks, recording, [mark.label for mark in marks])
     marks, left_out = valid_marks(recording, run.sensor, marks)
     findings += check_rests(run, recording, marks) + check_axes(run, recording, marks)[1]
-    observations = averaged(
+    observations = average_sections(
         recording, run.sensor, marks, holds_from_marks(marks), by_hand=True, found=True
     )
     if run.sensor.select_axes("w").axes:

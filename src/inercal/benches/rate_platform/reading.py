@@ -43,8 +43,7 @@ from inercal.recordings.data.recording_loader import (
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
-from inercal.recordings.segments import marks_from_labels
-from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments import average_sections, marks_from_labels
 
 
 def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
@@ -198,7 +197,7 @@ def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
     require_steady(run, recording, marks, steps)
     # Sections at a rate are steady too: their scatter is noise.
     turning = [step.label for step in steps if isinstance(step, KnownTurn)]
-    means = averaged(
+    means = average_sections(
         recording, run.sensor, marks, steps, found=True, drifting=True, turning=turning
     )
     return EstimatorInput(recording, marks, means, steps, steps, recording.findings)

@@ -30,8 +30,7 @@ from inercal.recordings.data.recording_loader import (
 )
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import number_column, observations_from_table, read_columns
-from inercal.recordings.segments import average_dwells, find_dwells
-from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments import average_dwells, average_sections, find_dwells
 from inercal.recordings.segments.dwells import ARM_RATE
 from inercal.recordings.segments.stationary_states import (
     find_stationary_states,
@@ -126,7 +125,7 @@ def reduce_recording(run: RunBase[RateTableData], recording: Recording) -> Estim
     turning, spun = average_dwells(recording, run.sensor, dwells)
     rests, also = find_stationary_states(recording)
     held = [Spin(mark.label, 0.0) for mark in rests]
-    both = averaged(recording, run.sensor, rests, held, found=True) if rests else None
+    both = average_sections(recording, run.sensor, rests, held, found=True) if rests else None
     observations = turning if both is None else join_observations(turning, both)
     marks = (*(dwell.mark for dwell in dwells), *rests)
     steps: list[Spin] = []

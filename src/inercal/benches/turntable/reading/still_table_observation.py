@@ -25,7 +25,7 @@ from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import load_recording
 from inercal.recordings.io.audit import require_accepted
 from inercal.recordings.io.rest_norm import audit_rest_norm
-from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments import average_sections
 from inercal.recordings.segments.attitudes import INVALID_SAMPLES
 
 _WINDOW = 0.2  # s
@@ -76,7 +76,7 @@ def observe_without_angles(run: RunBase[TurntableData]) -> EstimatorInput:
         samples_are_means=run.data.sample == "mean",
     )
     marks = tuple(Mark(label, *rest) for label, rest in zip(labels, rests.tolist(), strict=True))
-    observations = averaged(recording, sensor, marks, steps, found=True)
+    observations = average_sections(recording, sensor, marks, steps, found=True)
     return EstimatorInput(
         recording,
         marks,

@@ -53,7 +53,7 @@ from inercal.recordings.data.recording_loader import (
     require_distinct_columns,
 )
 from inercal.recordings.segments import (
-    observe as averaged,
+    average_sections,
 )
 from inercal.recordings.segments.turntable_segments import (
     AxisTurn,
@@ -133,7 +133,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
     repeated = _repeated_steps(recording.time, marks, own, read.interruptions)
     findings += compare_with_plan(steps, own, run, repeated)
     try:
-        observations = averaged(recording, run.sensor, marks, steps, found=True)
+        observations = average_sections(recording, run.sensor, marks, steps, found=True)
     except InputError as error:
         # Turns fall apart where the readback is wrong: what it does is the cause.
         causes = [one.message for one in findings if one.what == "readback"]
