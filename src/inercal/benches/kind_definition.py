@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 B = TypeVar("B", bound=Bench)
 D = TypeVar("D", bound=DataSection)
 Output = tuple[Readout, Noise]
-Plan = Callable[[], tuple[Step, ...]]
+PlanFunction = Callable[[], tuple[Step, ...]]
 Simulate = Callable[
     [B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], SensorSimulation
 ]
@@ -163,7 +163,9 @@ def three_axis_sensor(
     return triad(name, "f", "a", *accelerometer) if gyro is None else imu(name, accelerometer, gyro)
 
 
-def keep_plan(options: Mapping[str, Any], bench: Any, folder: Path, plan: Plan) -> Plan:
+def keep_plan(
+    options: Mapping[str, Any], bench: Any, folder: Path, plan: PlanFunction
+) -> PlanFunction:
     """Return the method's plan unchanged."""
     return plan
 
@@ -268,7 +270,7 @@ class Kind(Generic[B, D]):
     sensor: Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor] = (
         three_axis_sensor
     )
-    plan: Callable[[Mapping[str, Any], B, Path, Plan], Plan] = keep_plan
+    plan: Callable[[Mapping[str, Any], B, Path, PlanFunction], PlanFunction] = keep_plan
     audit: Callable[[Recording, Sensor, B], Recording] = keep_recording
     files: Callable[[RunBase[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (
         no_files
