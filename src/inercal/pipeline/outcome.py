@@ -1,50 +1,36 @@
 """All results of a calibration run."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.parameters import Parameter
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
-from inercal.benches.report_data import Plot
+from inercal.benches.report_data import Plot, ReportInput
 from inercal.calibration import Calibration
 from inercal.calibration.display import to_html
 from inercal.calibration.grade import Verdict
-from inercal.estimation import Estimate
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Step
+from inercal.physics.sensors import Sensor
 from inercal.pipeline.temperature_fit import TemperatureFit
-from inercal.recordings import Finding, Mark, Observations, Recording
+from inercal.recordings import Finding
 from inercal.recordings.segments import RestDetection
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Outcome:
-    """All results of a calibration run, for reports and for inspection.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Outcome(ReportInput):
+    """All results of a calibration run: what its bench reports, `ReportInput`, and the rest.
 
     Parameters
     ----------
     calibration : Calibration
-    estimate : Estimate
-        With the bench's nuisances and the residuals.
-    observations : Observations
-    steps : tuple of Step
-        Of each observation.
-    bench : Bench
     kind : Kind
         Of the bench.
-    expected : mapping of str to Parameter
-        The bench's parameters that act on these steps, by full name, as they were stated.
-    recording : Recording or None
-        None when the data are a table of means.
-    marks : tuple of Mark
     findings : tuple of Finding
         Of the audit and of the checks against the plan.
     verdict : Verdict
@@ -60,14 +46,8 @@ class Outcome:
     """
 
     calibration: Calibration
-    estimate: Estimate
-    observations: Observations
-    steps: tuple[Step, ...]
     bench: Bench
     kind: Kind[Any, Any]
-    expected: Mapping[str, Parameter]
-    recording: Recording | None
-    marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
     verdict: Verdict
     rests: RestDetection | None = None
@@ -81,15 +61,14 @@ class Outcome:
     def _repr_html_(self) -> str:
         return to_html(self.calibration)
 
-    def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return the motion that the calibrated sensor measured, at the temperatures of the means.
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor with its estimated coefficients."""
+        return self.calibration.sensor
 
-        Parameters
-        ----------
-        w : (r, 3) array, optional
-            Angular rate where the sensor has no gyros, rad/s.
-        """
-        sensor, seen = self.calibration.sensor, self.observations
-        dT = seen.temperature_offset(sensor.reference_temperature)
-        output = sensor.to_output(seen.mean)
+    def sensed_motion(self, w: Array | None = None) -> Motion:
+        """As `ReportInput.sensed_motion`."""
+        seen = self.observations
+        dT = seen.temperature_offset(self.sensor.reference_temperature)
+        output = self.sensor.to_output(seen.mean)
         return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)

@@ -12,11 +12,11 @@ from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.physics.plan import Spin, describe_direction
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 
 
-def sheet(run: Source[CentrifugeData]) -> Sheet:
+def sheet(run: RunBase[CentrifugeData]) -> Sheet:
     """Return the dwells of a run's plan.
 
     Raises
@@ -89,7 +89,7 @@ def sheet(run: Source[CentrifugeData]) -> Sheet:
     )
 
 
-def _by_attitude(run: Source[CentrifugeData]) -> list[Spin]:
+def _by_attitude(run: RunBase[CentrifugeData]) -> list[Spin]:
     """Return the dwells of the plan, those of one attitude together, in the order of the plan."""
     steps = [step for step in run.steps if isinstance(step, Spin)]
     order = {attitude: k for k, attitude in enumerate(attitude_names(steps))}

@@ -14,7 +14,7 @@ from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Observations
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 
 _PHASE = 10.0  # °, the largest error of a fixture
 _SWING = (0.5, 2.0)  # times g
@@ -26,7 +26,7 @@ _REPEATED = 4  # repeated positions that determine the usual difference
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
 
 
-def require_small_readings(run: Source[DividingHeadData], steps: Sequence[Index]) -> None:
+def require_small_readings(run: RunBase[DividingHeadData], steps: Sequence[Index]) -> None:
     """Refuse readings beyond the range of a level or an autocollimator: their unit is wrong.
 
     Raises
@@ -47,7 +47,7 @@ def require_small_readings(run: Source[DividingHeadData], steps: Sequence[Index]
 
 
 def require_phases(
-    run: Source[DividingHeadData], observations: Observations, steps: Sequence[Index]
+    run: RunBase[DividingHeadData], observations: Observations, steps: Sequence[Index]
 ) -> None:
     """Refuse accelerometers whose readings do not have 1 g amplitude and the mounting's phase.
 

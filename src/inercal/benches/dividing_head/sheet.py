@@ -27,13 +27,13 @@ from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import EntryField, Heading, Sheet, SheetRow
 from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 
 _DEGREE, _MINUTE = 360_000, 6_000  # in 0.01″
 
 
-def sheet(run: Source[DividingHeadData]) -> Sheet:
+def sheet(run: RunBase[DividingHeadData]) -> Sheet:
     """Return the positions of a run, pass by pass.
 
     Raises

@@ -7,10 +7,10 @@ from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.plan import describe_direction
 from inercal.physics.section_settings import key_error
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 
 
-def sheet(run: Source[RatePlatformData]) -> Sheet:
+def sheet(run: RunBase[RatePlatformData]) -> Sheet:
     """Return the sections of a run's plan.
 
     Raises
@@ -63,7 +63,7 @@ def sheet(run: Source[RatePlatformData]) -> Sheet:
     )
 
 
-def _require_columns(run: Source[RatePlatformData], steps: list[PlatformStep]) -> None:
+def _require_columns(run: RunBase[RatePlatformData], steps: list[PlatformStep]) -> None:
     poses = [step for step in steps if isinstance(step, Pose)]
     for own, names in (
         (len(steps) - len(poses), ("axis", "table_rate")),

@@ -11,11 +11,11 @@ from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_til
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.physics.plan import Hold, Spin
 from inercal.physics.sensors import G0
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 
 
-def sheet(run: Source[RateTableData]) -> Sheet:
+def sheet(run: RunBase[RateTableData]) -> Sheet:
     """Return the states of a run, mounting by mounting, in each by speed."""
     planned = [step for step in run.steps if isinstance(step, Spin)]
     steps = [step for own in group_by_mounting(planned) for step in own]

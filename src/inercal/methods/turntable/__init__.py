@@ -20,8 +20,6 @@ from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track
 
-Plan = Sequence[TableStep]
-
 # Standard deviations: of twenty parameters as stated, one run in 800 has one
 _MAX_DEVIATION_SD = 4.0
 _MAX_SD_RATIO = 0.8  # of the stated deviation: less than a third of the variance is from the data

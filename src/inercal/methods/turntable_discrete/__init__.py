@@ -41,13 +41,13 @@ from inercal.estimation import Estimate, Problem
 from inercal.estimation import least_squares as solve
 from inercal.methods import Method, Priors, mean_problem
 from inercal.methods.observability import require_observed
-from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, Plan, remarks
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, remarks
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.score_columns import families
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.frames import log_so3, skew
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Position, Rotation
+from inercal.physics.plan import Position, Rotation, TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import STAMP_ROUNDING, Observations, Track
 
@@ -78,7 +78,7 @@ def declared_parameters(bench: Turntable) -> dict[str, Parameter]:
     return bench.acting_parameters() | {"latitude": latitude}
 
 
-def planned_angles(bench: Turntable, steps: Plan) -> list[AxisAngles]:
+def planned_angles(bench: Turntable, steps: TableSteps) -> list[AxisAngles]:
     """Return the ways that steps ask for; of a rotation one turn at its steady rate.
 
     Parameters
@@ -221,7 +221,11 @@ def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array])
 
 
 def least_squares(
-    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan, priors: Priors = ()
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: TableSteps,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients from one row for each position and each rotation.
 
@@ -298,7 +302,7 @@ def problem(
 
 
 def _add_readback_noise(
-    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan
+    observations: Observations, sensor: Sensor, bench: Turntable, steps: TableSteps
 ) -> Observations:
     """Return the observations with the readback's white noise σ in their covariance.
 
@@ -332,7 +336,7 @@ def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observatio
 
 
 def _rows_from_readback(
-    observations: Observations, track: Track, steps: Plan
+    observations: Observations, track: Track, steps: TableSteps
 ) -> tuple[Observations, list[AxisAngles]]:
     """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
     means, ways = observations.mean.copy(), list[AxisAngles]()
@@ -357,7 +361,7 @@ def _rows_from_readback(
     return replace(observations, mean=means), ways
 
 
-def _require_axes(bench: Turntable, steps: Plan) -> None:
+def _require_axes(bench: Turntable, steps: TableSteps) -> None:
     k = len(bench.axes)
     for step in steps:
         if step.angles is not None and len(step.angles) != k:

@@ -54,7 +54,7 @@ _CONSTANT = 0.02  # K
 _FREEDOM = 342  # degrees of freedom behind the noise: those of 18 rests of 20 batches
 
 
-def observe(
+def average_sections(
     recording: Recording,
     sensor: Sensor,
     marks: Sequence[Mark],
