@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from inercal.basics.units import Measured
+from inercal.basics.units import Measured, format_count
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
 from inercal.benches.motion_control import MotionControl
 from inercal.benches.operator_sheet import Sheet
@@ -159,7 +159,10 @@ def three_axis_sensor(
         Another number of columns than three.
     """
     if len(columns) != len("xyz"):
-        raise key_error("[data] accelerometer", f"{len(columns)} columns; name three, of x, y, z")
+        raise key_error(
+            "[data] accelerometer",
+            f"{format_count(len(columns), 'column')}; name three, of x, y, z",
+        )
     return triad(name, "f", "a", *accelerometer) if gyro is None else imu(name, accelerometer, gyro)
 
 

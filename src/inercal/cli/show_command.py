@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.cli.console import make_table, print_json, print_line, print_lines, print_table
 from inercal.cli.options import Json
 
@@ -207,5 +208,5 @@ def _show_recording(file: Path, json: bool) -> None:
              *(x if isinstance(x := row[key], str) else f"{x:.7g}" for key in keys))
             for row in rows
         ],
-        title=f"{table.source}: {count} rows",
+        title=f"{table.source}: {format_count(count, 'row')}",
     )  # fmt: skip

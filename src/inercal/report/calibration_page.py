@@ -40,7 +40,12 @@ if TYPE_CHECKING:
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.units import ZERO_CELSIUS, format_value_and_uncertainty
+from inercal.basics.units import (
+    ZERO_CELSIUS,
+    format_count,
+    format_duration,
+    format_value_and_uncertainty,
+)
 from inercal.calibration.temperature_curves import TemperatureCurve, temperature_curves
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.pipeline.temperature_fit import SoakLeftOut
@@ -227,19 +232,19 @@ def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
         result.append(("Data", "means, read in as a table"))
     else:
         rate = f"{recording.rate_hz:.4g} Hz"
-        size = f"{recording.time.size} samples\n{recording.duration:.4g} s at {rate}"
+        size = f"{recording.time.size} samples\n{format_duration(recording.duration)} at {rate}"
         result.append(("Data", size))
     result.append(("Gravity", outcome.calibration.conditions.get("gravity", "")))
-    used = f"{holds} position{'s' * (holds != 1)}"
+    used = format_count(holds, "position")
     if spins:
         rates = len({round(abs(step.rate), 3) for step in spins})
         words = outcome.kind.words
         used = (
-            f"{len(spins)} {words.rows}\nat {rates} rate{'s' * (rates != 1)} of the "
+            f"{len(spins)} {words.rows}\nat {format_count(rates, 'rate')} of the "
             f"{words.turning_device}"
         )
     if turns:
-        used += f"\n{turns} turn{'s' * (turns != 1)}"
+        used += f"\n{format_count(turns, 'turn')}"
     result.append(("Used", used))
     return [(name, text) for name, text in result if text]
 

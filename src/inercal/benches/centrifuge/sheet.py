@@ -5,6 +5,7 @@ from math import pi
 
 import numpy as np
 
+from inercal.basics.units import format_duration
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.benches.centrifuge.simulation import head_angles_of_attitude
@@ -66,7 +67,7 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
     head_units = [f"{name}, {data.attitude_unit}" for name in ("ψ", "θ")]
     return Sheet(
         f"{len(rows)} dwells in {len(positions)} attitudes, "
-        f"{sum(step.seconds for step in steps) / 60:.3g} min in all",
+        f"{format_duration(sum(step.seconds for step in steps))} in all",
         (
             Heading("row", align_right=True),
             Heading("position"),

@@ -5,6 +5,7 @@ from math import pi
 
 import numpy as np
 
+from inercal.basics.units import format_quantity
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance
 from inercal.benches.dividing_head.passes import first_visit_rows, pass_numbers
@@ -164,5 +165,4 @@ def repeat_visit_warnings(
 
 
 def _format_in_g(size: float) -> str:
-    in_g = abs(size) / G0
-    return f"{in_g * 1e6:.3g} µg" if in_g < 1e-3 else f"{in_g * 1e3:.3g} mg"
+    return format_quantity(abs(size), 0.0, "µg", 3)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_quantity
+from inercal.basics.units import format_count, format_quantity
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
@@ -259,8 +259,9 @@ def _conditions(
     found = {
         "gravity": format_quantity(g.value, g.sd, "m/s²")
         + (" (taken as exact)" if g.sd == 0 else ""),
-        "positions": f"{len(set(first_visit_rows(steps)))}, {len(steps)} rows in {count} "
-        f"pass{'es' * (count > 1)}" + (": drift does not cancel" if count == 1 else ""),
+        "positions": f"{len(set(first_visit_rows(steps)))}, {len(steps)} rows in "
+        + format_count(count, "pass", "passes")
+        + (": drift does not cancel" if count == 1 else ""),
         "head's error, rms (k = 1)": f"{bench.rms * 648_000 / pi:.3g} ″",
         "autocollimation": bench.collimated,
     }

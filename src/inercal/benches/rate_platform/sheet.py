@@ -2,6 +2,7 @@
 
 from math import degrees
 
+from inercal.basics.units import format_duration
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
@@ -45,7 +46,7 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
         rows.append(SheetRow(step.label, cells, step.seconds, group, stated))
     gyro = data.gyro if run.sensor.select_axes("w").axes else ()
     return Sheet(
-        f"{len(rows)} sections, {sum(step.seconds for step in steps) / 60:.3g} min in all",
+        f"{len(rows)} sections, {format_duration(sum(step.seconds for step in steps))} in all",
         (
             Heading("row", align_right=True),
             Heading("up"),

@@ -5,6 +5,7 @@ from math import pi
 
 import numpy as np
 
+from inercal.basics.units import format_duration
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.benches.rate_table.bench import mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
@@ -37,7 +38,7 @@ def sheet(run: RunBase[RateTableData]) -> Sheet:
             )
         )
     return Sheet(
-        f"{len(rows)} states, {sum(step.seconds for step in steps) / 60:.3g} min in all",
+        f"{len(rows)} states, {format_duration(sum(step.seconds for step in steps))} in all",
         (
             Heading("row", align_right=True),
             Heading("mounting"),

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_count
 from inercal.benches.rate_table.bench import RateTable
 from inercal.estimation import Estimate, NullDirection
 from inercal.methods import Priors
@@ -243,10 +244,9 @@ def _free_direction_notes(
             "frame in the housing is not determined"
         )
     if named:
-        directions = "direction" if len(named) == 1 else "directions"
         notes.append(
-            f"warning: {rank}; {what} decided {len(named)} {directions}, whose uncertainty is "
-            f"that of {source}: {'; '.join(named)}"
+            f"warning: {rank}; {what} decided {format_count(len(named), 'direction')}, whose "
+            f"uncertainty is that of {source}: {'; '.join(named)}"
         )
     if left.weak:
         words = "; ".join(one.words for one in left.weak)

@@ -9,6 +9,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_small_file
+from inercal.basics.units import format_count
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.data import DataSection, RestsSection, RunBase
 from inercal.recordings.io.read import read_table
@@ -86,7 +87,7 @@ def rests_without_plan(run: RunBase[DataSection], recording: Recording) -> RestD
         marks = stated_marks(run, recording)
         if run.data.marks != "labels":
             check_marks(marks, recording, [mark.label for mark in marks])
-        text = f"{len(marks)} sections are marked"
+        text = format_count(len(marks), "section is marked", "sections are marked")
     levels = find_thresholds(recording, run.sensor)
     return RestDetection(marks, levels, WINDOW, Finding("note", "rests", text))
 

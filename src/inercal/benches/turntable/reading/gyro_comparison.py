@@ -30,6 +30,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
+from inercal.basics.units import format_count
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.readback_increments import (
     Increments,
@@ -265,7 +266,7 @@ def gyro_comparison_findings(track: Track, sensor: Sensor, bench: Turntable) -> 
             continue
         first, more = of_kind[0], len(of_kind) - 1
         text = f"{first.describe(bench.names)}{_CAUSE}"
-        text += f" ({more} further place{'s' * (more > 1)})" if more else ""
+        text += f" ({format_count(more, 'further place')})" if more else ""
         span = np.searchsorted(track.time, [first.start, first.stop])
         result.append(Finding("warning", "readback", text, None, int(span[0]), int(span[1])))
     return tuple(result)

@@ -9,7 +9,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import Measured, format_quantity
+from inercal.basics.units import Measured, format_duration, format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.host_readback import (
     HostReadback,
@@ -216,6 +216,6 @@ def _require_readings(time: Array, angles: Array) -> None:
     if lost.size:
         k = int(lost[0])
         raise InputError(
-            f"the readback lacks {time[k + 1] - time[k]:.3g} s after {time[k]:.6g} s while the "
-            "table turns; record again, or cut both files at this time"
+            f"the readback lacks {format_duration(time[k + 1] - time[k])} after {time[k]:.6g} s "
+            "while the table turns; record again, or cut both files at this time"
         )

@@ -9,6 +9,7 @@ from dataclasses import replace
 from math import pi, radians
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.benches.turntable.settings import TurntableData
 from inercal.physics.plan import Position, Rotation, TableStep, table_steps
 from inercal.recordings import Finding
@@ -140,7 +141,7 @@ def _compare_labels(
     unknown = [name for name in dict.fromkeys(labels) if name and name not in planned]
     for names, words in ((blank, "without a label"), (unknown, "with a label that the path lacks")):
         if names:
-            count = f"{len(names)} step{'s' * (len(names) > 1)}"
+            count = format_count(len(names), "step")
             texts.append(f"{count} {words}: {_abbreviated_list(names)}")
     missing = _missing_step_findings([name for name in planned if name not in labels])
     return (*missing, *(Finding("warning", "label", text) for text in texts))

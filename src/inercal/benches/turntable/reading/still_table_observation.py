@@ -13,7 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices, true_ranges
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_quantity
+from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.settings import TurntableData
 from inercal.benches.turntable.still_table import StillTable
@@ -196,9 +196,10 @@ def _require_rests(where: str, recording: Recording, rests: Indices) -> None:
     if len(rests) >= _MIN_RESTS:
         return
     raise InputError(
-        f"{where}: the gyros show {len(rests)} rest{'s' * (len(rests) != 1)} of {_SHORTEST:g} s or "
+        f"{where}: the gyros show {format_count(len(rests), 'rest')} of {_SHORTEST:g} s or "
         f"more (mean rate within {degrees(_MOVING):g} °/s over {_WINDOW:g} s, {_SETTLING:g} s cut "
-        f"off beside turns) in {recording.duration:.4g} s; a systematic calibration needs "
+        f"off beside turns) in {format_duration(recording.duration)}; a systematic calibration "
+        "needs "
         f"{_MIN_RESTS} rests with turns between them: rest longer, or check the unit of the gyros",
     )
 
@@ -211,7 +212,8 @@ def _require_whole_turns(
     margin = 2 * _SETTLING
     if time[rests[0, 0]] - time[0] > margin:
         raise InputError(
-            f"{where}: the recording begins in motion, for {time[rests[0, 0]] - time[0]:.3g} s: a "
+            f"{where}: the recording begins in motion, for "
+            f"{format_duration(time[rests[0, 0]] - time[0])}: a "
             "turn needs a rest at both ends; remove the samples before the first rest"
         )
     if time[n - 1] - time[rests[-1, 1] - 1] > margin:

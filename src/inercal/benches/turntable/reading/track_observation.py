@@ -9,7 +9,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_quantity
+from inercal.basics.units import format_duration, format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
@@ -203,7 +203,7 @@ def _require_complete_first_rest(
     if duration < MIN_REST_SECONDS and moved < _MOVED and gap.max(initial=0.0) > MAX_GAP_SECONDS:
         at = stop - 1 + int(np.argmax(gap))
         raise InputError(
-            f"{run.path}: the first rest has no sample for {gap.max():.3g} s after "
+            f"{run.path}: the first rest has no sample for {format_duration(gap.max())} after "
             f"{time[at]:.6g} s, but the filters need {COARSE_REST_SECONDS:.3g} s without a gap; "
             "remove the samples before the gap if the rest after it is long enough, or record "
             "again",
