@@ -226,6 +226,17 @@ def test_links_of_a_page_lead_somewhere(path: Path):
             assert anchor in slugs, target
 
 
+def test_readme_and_front_page_have_the_same_table_of_methods_and_name_each_of_them():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    heading = "Which method for which bench"
+    table = list(rows(section(page("index.md"), heading)))
+    assert [
+        [cell.replace("](docs/", "](") for cell in row] for row in rows(section(readme, heading))
+    ] == table
+    named = {name for _, names, *_ in table for name in re.findall(r"`(\w+)`", names)}
+    assert named == set(METHODS)
+
+
 def snippets(name: str) -> list[str]:
     return re.findall(r"```python\n(.*?)```", page(name), flags=re.S)
 
