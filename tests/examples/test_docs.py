@@ -183,7 +183,7 @@ def test_model_page_has_the_lines_of_the_coefficient_tables(
 
 
 def test_uncertainty_page_lists_every_nuisance_of_the_bench():
-    text = section(page("reference/uncertainty.md"), "What it holds")
+    text = section(page("reference/uncertainty.md"), "What it includes")
     listed = [(name, cells[2]) for cells in rows(text) for name in re.findall(r"`(\w+)`", cells[0])]
     expected = [(p.name, p.scope) for p in Hand(Measured(9.81, 0.0)).parameters]
     assert sorted(listed) == sorted(expected)
