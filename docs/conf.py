@@ -1,8 +1,9 @@
 """How `make docs` builds the site from these pages: Sphinx, MyST, Furo; nothing from other hosts.
 
-The pages are read in an editor and on a code host too. So the tree beside each page is made from
-the lists of `index.md`, and links to files outside this folder become downloads. A link to the
-folder of the examples becomes a download of all of them, for who has the site and the wheel alone.
+The pages are also read in an editor and on a code host. So the tree beside each page is made from
+the lists in `index.md` and `architecture.md`, and links to files outside this folder become
+downloads. A link to the folder of the examples becomes a download of all of them, for readers who
+have only the site and the wheel.
 """
 
 import re
@@ -32,21 +33,21 @@ autodoc_typehints = "none"  # docstrings state types with shapes and units
 autodoc_member_order = "bysource"
 add_module_names = False
 
-_HEADING = re.compile(r"^\*\*(.+)\*\*$", re.M)
+_LISTS = {"index", "architecture"}  # pages whose sections list other pages
+_HEADING = re.compile(r"^## (.+)$", re.M)
 _PAGE_LINK = re.compile(r"\]\(([^)#:]+)\.md\)")
 _PICTURE = re.compile(r"^!\[([^\]]*)\]\(([^)]+)\.png\)$", re.M)
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((\.\.[^)#]*)(#[^)]*)?\)")
 
 
 def add_tree(lists: str) -> str:
-    """Return a hidden tree of pages for each list that has a heading in bold."""
+    """Return the text of a page with a hidden tree of the pages that each section lists."""
     parts = _HEADING.split(lists)
     trees: list[str] = []
     for heading, text in zip(parts[1::2], parts[2::2], strict=True):
-        pages = dict.fromkeys(_PAGE_LINK.findall(text))
-        trees.append(
-            "\n".join(["```{toctree}", ":hidden:", f":caption: {heading}", "", *pages, "```", ""])
-        )
+        if pages := dict.fromkeys(_PAGE_LINK.findall(text)):
+            caption = f":caption: {heading}"
+            trees.append("\n".join(["```{toctree}", ":hidden:", caption, "", *pages, "```", ""]))
     return "\n".join([lists, *trees])
 
 
@@ -85,7 +86,7 @@ def show_both(text: str, folder: Path) -> str:
 def _prepare(_: Sphinx, name: str, content: list[str]) -> None:
     content[0] = keep_links_inside(content[0], (DOCS / name).parent)
     content[0] = show_both(content[0], (DOCS / name).parent)
-    if name == "index":
+    if name in _LISTS:
         content[0] = add_tree(content[0])
 
 

@@ -183,7 +183,7 @@ def test_model_page_has_the_lines_of_the_coefficient_tables(
 
 
 def test_uncertainty_page_lists_every_nuisance_of_the_bench():
-    text = section(page("reference/uncertainty.md"), "What it holds")
+    text = section(page("reference/uncertainty.md"), "What it includes")
     listed = [(name, cells[2]) for cells in rows(text) for name in re.findall(r"`(\w+)`", cells[0])]
     expected = [(p.name, p.scope) for p in Hand(Measured(9.81, 0.0)).parameters]
     assert sorted(listed) == sorted(expected)
@@ -224,6 +224,17 @@ def test_links_of_a_page_lead_somewhere(path: Path):
             headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), flags=re.M)
             slugs = [re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings]
             assert anchor in slugs, target
+
+
+def test_readme_and_front_page_have_the_same_table_of_methods_and_name_each_of_them():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    heading = "Which method for which bench"
+    table = list(rows(section(page("index.md"), heading)))
+    assert [
+        [cell.replace("](docs/", "](") for cell in row] for row in rows(section(readme, heading))
+    ] == table
+    named = {name for *_, names in table for name in re.findall(r"`(\w+)`", names)}
+    assert named == set(METHODS)
 
 
 def snippets(name: str) -> list[str]:
