@@ -239,6 +239,23 @@ def test_the_panel_fits_and_is_reached_by_keyboard(
     expect(page.locator("#estimates")).to_be_hidden()
 
 
+def test_the_trend_from_before_the_page_was_opened_is_shown(page: Page, scripted: ScriptedServer):
+    past = [[0.1 * k, [float(k)] * 3, [k + 0.5] * 3] for k in range(200)]
+    pieces = [{"kind": "trend", "points": past[k : k + 50]} for k in (150, 100, 50, 0)]
+    open_page(page, scripted, manual_plan(), manual_state(20.0), *pieces)
+    expect(page.locator("#manual canvas")).to_have_count(3)
+    place = page.locator(".manual-axis").nth(1)
+    over = place.locator(".u-over")
+    over.scroll_into_view_if_needed()
+    box = over.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] * 10.0 / 30, box["y"] + box["height"] / 2)
+    expect(place.locator(".at")).to_contain_text("0:10")
+    told = [float(one) for one in re.findall(r"[\d.]+", place.locator(".value-at").inner_text())]
+    assert told == pytest.approx([100.0, 100.5], abs=2)
+    assert told[1] == told[0] + 0.5
+
+
 def test_the_end_says_why(panel: Page, scripted: ScriptedServer):
     scripted.tell(messages.done(state="manual", words="axis inner: the following error is 1.2°",
                                 verdict=None, report=None, calibration=None))  # fmt: skip

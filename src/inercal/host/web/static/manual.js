@@ -221,6 +221,14 @@ export function makeManual(theme, marks) {
     put(said, words);
   }
 
+  /** What was before this page was opened, newest pieces first: rows of time, angles, set angles. */
+  function trend({ points }) {
+    if (!ring || !points.length) return;
+    const rows = axes.flatMap((_, i) => [1, 2].map((which) => points.map((point) => point[which][i])));
+    ring.prepend(points.map(([time]) => time), rows);
+    redraw();
+  }
+
   function state(message) {
     if (!ring || !message.manual) return;
     const now = message.table?.axes ?? [];
@@ -313,7 +321,7 @@ export function makeManual(theme, marks) {
     mark(document.body, "manual", "no");
   }
 
-  return { plan, state, event, frame, showTime, done: ends, idle: leave,
+  return { plan, state, trend, event, frame, showTime, done: ends, idle: leave,
     people: () => {
       if (!seen.people.yours) release();
       show();
