@@ -113,6 +113,11 @@ class Run:
     sections: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     @property
+    def adds_coefficients(self) -> bool:
+        """Whether [method] also = "auto" adds the coefficients that the score tests ask for."""
+        return self.sections.get("method", {}).get("also") == "auto"
+
+    @property
     def steps(self) -> tuple[Step, ...]:
         """The nominal plan, designed when it is first read: a plan by hand takes seconds.
 
