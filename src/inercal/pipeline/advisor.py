@@ -189,10 +189,11 @@ class RunAdvisor:
             key, size = self._key(name), max(abs(size), typical) if open_ else abs(size)
             if key not in sizes or size > sizes[key][1]:
                 sizes[key] = (full, size)
+        signed = dict(zip(cause.components, departures.tolist(), strict=True))
         return tuple(
             Change("bench", key, harmonics)
             if key == "harmonics"
-            else Change("bench", key, self._text(stated.get(key), full, size))
+            else Change("bench", key, self._text(stated.get(key), full, size, signed[full]))
             for key, (full, size) in sizes.items()
         )
 
@@ -218,13 +219,21 @@ class RunAdvisor:
         stem = re.sub(r"(_[a-z12]|\d)$", "", name)
         return _KEYS.get(name, _KEYS.get(stem, stem))
 
-    def _text(self, stated: str | None, full: str, size: float) -> str:
-        """Return a deviation, or a measured constant with a deviation, as a run file has it."""
+    def _text(self, stated: str | None, full: str, size: float, departure: float) -> str:
+        """Return a deviation, or a measured constant with a deviation, as a run file has it.
+
+        Of a constant that a bench takes as exact: the value that the data show.
+        """
         parameter = self._expected.get(full)
         name = ErrorName(full).name
         unit, factor = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
         deviation = f"{_rounded_up(size * factor)} {unit}"
         value = getattr(self._run.bench, {"g": "gravity"}.get(name, name), None)
+        declared = parameter is not None or name in declarations(type(self._run.bench))
+        if isinstance(value, float) and not declared:
+            angle = unit == "rad"
+            moved = value + departure
+            return f"{np.degrees(moved):.4g} °" if angle else f"{moved * factor:.6g} {unit}"
         if not isinstance(value, Measured):
             return deviation
         before = stated.partition("±")[0].strip() if stated else ""

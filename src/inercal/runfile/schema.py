@@ -127,7 +127,7 @@ class MethodSection(Section):
     also: Literal["auto"] | tuple[str, ...] = Field(
         (),
         description="in addition to the method's own choice; 'auto': what the score tests ask for",
-        examples=["auto", ["g", "k2"]],
+        examples=[["g", "k2"], "auto"],
     )
     temperature_order: Literal["auto"] | tuple[int, int, int] | None = Field(
         None,
