@@ -54,9 +54,9 @@ class PlainAdvisor:
         return advice
 
 
-def also(words: Sequence[str]) -> Change:
-    """Return the key that lets a method estimate more coefficients."""
-    return Change("method", "also", tuple(words))
+def also(words: str | Sequence[str]) -> Change:
+    """Return the key that lets a method estimate more coefficients: words, or "auto"."""
+    return Change("method", "also", words if isinstance(words, str) else tuple(words))
 
 
 def action_on(cause: SuspectedCause, row_word: str) -> str:

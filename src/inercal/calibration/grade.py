@@ -26,6 +26,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from inercal.basics.run_file_advice import Advice
+from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import (
     OutlierRow,
     SuspectedCause,
@@ -141,6 +142,8 @@ class Verdict:
         Noise that was stated too large or too small.
     rounding : tuple of RoundedChannel
         Channels whose steps limit what rests show.
+    additions : tuple of Addition
+        Coefficients that `also = "auto"` added, in order.
     """
 
     grade: Grade
@@ -153,6 +156,7 @@ class Verdict:
     scatter: float = 1.0
     noise: tuple[NoiseFactor, ...] = ()
     rounding: tuple[RoundedChannel, ...] = ()
+    additions: tuple[Addition, ...] = ()
 
     @property
     def word(self) -> str:

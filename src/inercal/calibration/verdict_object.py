@@ -8,6 +8,7 @@ from pydantic import Field
 from inercal.basics.documents import Count, Measured, Positive, Record, record_object
 from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
+from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
 from inercal.estimation.scores import CandidateKind
@@ -79,6 +80,16 @@ class _RoundedChannel(Record):
     std: Positive
 
 
+class _Addition(Record):
+    group: str
+    coefficients: list[str]
+    chi2_before: Positive
+    dof_before: Count
+    chi2_after: Positive
+    dof_after: Count
+    indistinguishable: list[str]
+
+
 class VerdictRecord(Record):
     """The verdict of a calibration file; those of earlier versions lack fields with a default."""
 
@@ -92,6 +103,7 @@ class VerdictRecord(Record):
     scatter: Measured = nan
     noise: list[_NoiseFactor] = Field(default_factory=list[_NoiseFactor])
     rounding: list[_RoundedChannel] | None = None
+    additions: list[_Addition] = Field(default_factory=list[_Addition])
 
 
 def verdict_object(verdict: Verdict) -> dict[str, Any]:
@@ -118,6 +130,8 @@ def verdict_object(verdict: Verdict) -> dict[str, Any]:
     }
     if verdict.rounding:
         content["rounding"] = verdict.rounding
+    if verdict.additions:
+        content["additions"] = verdict.additions
     return record_object(content)
 
 
@@ -167,6 +181,18 @@ def recorded_verdict(record: VerdictRecord, lines: tuple[str, ...]) -> Verdict:
         record.scatter,
         tuple(NoiseFactor(**vars(one)) for one in record.noise),
         tuple(RoundedChannel(**vars(one)) for one in record.rounding or ()),
+        tuple(
+            Addition(
+                one.group,
+                tuple(one.coefficients),
+                one.chi2_before,
+                one.dof_before,
+                one.chi2_after,
+                one.dof_after,
+                tuple(one.indistinguishable),
+            )
+            for one in record.additions
+        ),
     )
 
 

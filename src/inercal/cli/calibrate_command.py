@@ -34,6 +34,9 @@ def run(
     register: str | None = typer.Option(
         None, help="Register to enter the calibration in: an address, or default."
     ),
+    auto: bool = typer.Option(
+        False, "--auto", help='Add the coefficients that the tests ask for: [method] also = "auto".'
+    ),
     strict: Strict = False,
     json: Json = False,
 ) -> None:
@@ -67,7 +70,9 @@ def run(
     ):
         with draw_refusal(plan, refused):
             outcome = calibrate(
-                plan, lambda generation: update(f"{doing}: {generation_text(generation)}")
+                plan,
+                lambda generation: update(f"{doing}: {generation_text(generation)}"),
+                also="auto" if auto else None,
             )
         tables = plan.kind.tables(plan, outcome)
         files |= {what: out / f"{run_file.stem}.{what}.csv" for what in tables}

@@ -210,6 +210,9 @@ class Method(MethodBase, Generic[Bench, Step]):
     source : str
     norm_only_estimators : tuple of str
         Estimators of norms, which do not observe a rotation of the triad: its frame may be stated.
+    closed_formulas : tuple of str
+        Estimators whose formulas determine a fixed set of coefficients, or that make no score
+        tests: `also = "auto"` is refused.
     frame : callable
         From the bench to the frame that misalignments refer to where the run file states none.
     remarks : callable
@@ -233,6 +236,7 @@ class Method(MethodBase, Generic[Bench, Step]):
         default_factory=dict[Measures, tuple[str, ...]]
     )
     norm_only_estimators: tuple[str, ...] = ()
+    closed_formulas: tuple[str, ...] = ()
     frame: "Callable[[Bench], Frame]" = _mount_frame
     remarks: Callable[[Fit[Bench, Step]], Remarks] = _no_remarks
     constant_rates: bool = False

@@ -140,6 +140,7 @@ METHOD = Method(
     needs=("w",),
     plan=ferraris_plan,
     estimators={"ml": ml, "classical": classical},
+    closed_formulas=("classical",),
     weighs_common_errors=True,
     remarks=order_remarks,
     source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",

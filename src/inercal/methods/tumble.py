@@ -282,6 +282,7 @@ METHOD = Method(
     needs=("f",),
     plan=dividing_head_problem.plan,
     estimators={"least_squares": least_squares, "fourier": fourier},
+    closed_formulas=("fourier",),
     weighs_common_errors=True,
     source="IEEE Std 1293, static multipoint (tumble) test",
 )

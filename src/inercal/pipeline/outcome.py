@@ -1,25 +1,50 @@
 """All results of a calibration run."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.parameters import Parameter
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.report_data import Plot, ReportInput
 from inercal.calibration import Calibration
+from inercal.calibration.additions import Addition
 from inercal.calibration.display import to_html
 from inercal.calibration.grade import Verdict
+from inercal.estimation import Estimate
+from inercal.methods import Remarks
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.temperature_fit import TemperatureFit
 from inercal.recordings import Finding
+from inercal.recordings.data import EstimatorInput
 from inercal.recordings.segments import RestDetection
+from inercal.runfile import Run
 
 if TYPE_CHECKING:
-    from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchHistory
+
+
+class FittedRun(NamedTuple):
+    """A run, the orders of its temperatures chosen, what was read, and the estimate.
+
+    `stated` is the run before its orders were chosen.
+    """
+
+    stated: Run
+    run: Run
+    inputs: EstimatorInput
+    thermal: TemperatureFit | None
+    bench: Bench
+    expected: Mapping[str, Parameter]
+    estimate: Estimate
+    findings: tuple[Finding, ...]
+    remarks: Remarks
+    generations: "tuple[Generation, ...]"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -57,6 +82,11 @@ class Outcome(ReportInput):
 
     def __repr__(self) -> str:
         return f"<Outcome: {repr(self.calibration).strip('<>')}>"
+
+    @property
+    def additions(self) -> tuple[Addition, ...]:
+        """The coefficients that `also = "auto"` added, in order."""
+        return self.verdict.additions
 
     def _repr_html_(self) -> str:
         return to_html(self.calibration)

@@ -85,6 +85,11 @@ class Run(RunBase[Any]):
     sections: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     @property
+    def adds_coefficients(self) -> bool:
+        """Whether [method] also = "auto" adds the coefficients that the score tests ask for."""
+        return self.sections.get("method", {}).get("also") == "auto"
+
+    @property
     def table_steps(self) -> list[TableStep]:
         """The positions and rotations of the nominal plan; on a turntable these are all steps."""
         return table_steps(self.steps)

@@ -164,7 +164,8 @@ def _describe_wrong_value(
     if kind == "string_pattern_mismatch":
         return f"{_format_value(value)} is not possible{_example_clause(place, '; give text')}"
     if get_origin(types[0]) is Literal:
-        return _not_possible(value, get_args(types[0]))
+        lists = [_example_clause(place, " or a list") for one in types if get_origin(one) is tuple]
+        return "".join((_not_possible(value, get_args(types[0])), *lists))
     if types == (bool,):
         return _not_possible(value, ("true", "false"))
     if types in ((int,), (float,)):

@@ -312,6 +312,7 @@ METHOD = Method(
     needs=("f",),
     plan=plan,
     estimators={"ml": ml, "series": series, "series_weighted": series_weighted, "paper": paper},
+    closed_formulas=("series", "series_weighted", "paper"),
     norm_only_estimators=("ml",),
     frame=_frame,
     remarks=_remarks,

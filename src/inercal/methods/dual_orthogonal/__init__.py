@@ -310,6 +310,7 @@ METHOD = Method(
     needs=("f",),
     plan=dividing_head_problem.plan,
     estimators={"joint": joint, "patent": patent, "dual": dual, "single": single},
+    closed_formulas=("patent", "dual"),
     weighs_common_errors=True,
     source="CN101852817A, Harbin Institute of Technology, 2010; IEEE Std 1293",
 )

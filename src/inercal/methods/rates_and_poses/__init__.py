@@ -337,6 +337,7 @@ METHOD = Method(
     needs=(),
     plan=plan,
     estimators={"ml": ml, "ieee": ieee},
+    closed_formulas=("ieee",),
     constant_rates=True,
     weighs_common_errors=True,
     source="IEEE Std 952 and 1431, rate tests; IEEE Std 1293, multipoint tests",

@@ -143,6 +143,7 @@ METHOD = Method(
     needs=("f", "w"),
     plan=systematic_plan,
     estimators={"batch": batch, "kalman": kalman},
+    closed_formulas=("kalman",),
     sequential=sequential,
     final_by_recording=True,
     frame=triangular_frame,
