@@ -10,9 +10,13 @@ from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause
+from inercal.calibration.explanation import NOTES, UNCERTAINTIES, Section, fit
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
 from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel
+
+# How a reason, and a note, begin in files that state neither what warned nor an explanation.
+_WARNS, _LARGEST = "a check warns: ", "expanded uncertainties (k = 2) are at most: "
 
 
 class _Test(Record):
@@ -90,12 +94,19 @@ class _Addition(Record):
     indistinguishable: list[str]
 
 
+class _Section(Record):
+    heading: str
+    lines: list[str]
+
+
 class VerdictRecord(Record):
     """The verdict of a calibration file; those of earlier versions lack fields with a default."""
 
     grade: str
     word: str = ""
     reasons: list[str]
+    lines: list[str] = Field(default_factory=list[str])
+    explanation: list[_Section] = Field(default_factory=list[_Section])
     tests: list[_Test]
     suspect: _Cause | None
     best_cause: _Cause | None = None
@@ -104,6 +115,7 @@ class VerdictRecord(Record):
     noise: list[_NoiseFactor] = Field(default_factory=list[_NoiseFactor])
     rounding: list[_RoundedChannel] | None = None
     additions: list[_Addition] = Field(default_factory=list[_Addition])
+    warned: list[str] | None = None
 
 
 def verdict_object(verdict: Verdict) -> dict[str, Any]:
@@ -112,6 +124,8 @@ def verdict_object(verdict: Verdict) -> dict[str, Any]:
         "grade": verdict.grade,
         "word": verdict.word,
         "reasons": verdict.reasons,
+        "lines": verdict.lines,
+        "explanation": [one._asdict() for one in verdict.explanation],
         "tests": [
             {
                 "name": test.name,
@@ -127,6 +141,7 @@ def verdict_object(verdict: Verdict) -> dict[str, Any]:
         "advice": verdict.advice,
         "scatter": verdict.scatter,
         "noise": verdict.noise,
+        "warned": verdict.warned,
     }
     if verdict.rounding:
         content["rounding"] = verdict.rounding
@@ -158,17 +173,28 @@ def _cause_object(one: SuspectedCause | None) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def recorded_verdict(record: VerdictRecord, lines: tuple[str, ...]) -> Verdict:
-    """Return the verdict of a calibration file; `lines` are its notes."""
+def recorded_verdict(record: VerdictRecord, notes: tuple[str, ...]) -> Verdict:
+    """Return the verdict of a calibration file; its notes explain it in files without headings."""
     if record.grade not in GRADE_WORDS:
         raise InputError(f"verdict {record.grade!r} is not one of {', '.join(GRADE_WORDS)}")
     suspect = _recorded_cause(record.suspect)
     # Files of earlier versions state no best cause.
     states_best = "best_cause" in record.model_fields_set
+    word = GRADE_WORDS[record.grade].capitalize()
+    lines = record.lines or [fit(": ".join((word, *record.reasons[:1])))]
+    sections = [Section(one.heading, tuple(one.lines)) for one in record.explanation]
+    if not sections:
+        largest = tuple(one for one in notes if one.startswith(_LARGEST))
+        others = tuple(one for one in notes if one not in largest)
+        sections = [Section(UNCERTAINTIES, largest), Section(NOTES, others)]
+    warned = record.warned
+    if warned is None:
+        warned = [one.removeprefix(_WARNS) for one in record.reasons if one.startswith(_WARNS)]
     return Verdict(
         record.grade,
         tuple(record.reasons),
-        lines,
+        tuple(lines),
+        tuple(one for one in sections if one.lines),
         tuple(
             HypothesisTest(t.name, t.chi2, t.dof, t.p_value, t.p_among_all) for t in record.tests
         ),
@@ -193,6 +219,7 @@ def recorded_verdict(record: VerdictRecord, lines: tuple[str, ...]) -> Verdict:
             )
             for one in record.additions
         ),
+        tuple(warned),
     )
 
 

@@ -294,7 +294,7 @@ def _calibrate(
         run.estimator,
         conditions,
         provenance(run, inputs),
-        judged.lines,
+        judged.statements,
         "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
         verdict=judged,
         shared=shared_errors(run, estimate, expected, p),

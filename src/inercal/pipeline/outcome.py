@@ -59,7 +59,7 @@ class Outcome(ReportInput):
     findings : tuple of Finding
         Of the audit and of the checks against the plan.
     verdict : Verdict
-        The grade, its reasons, and lines in plain words; iteration yields the lines.
+        The grade, its reasons, few lines in plain words, and all that explains them.
     rests : RestDetection or None
         Thresholds and marks, where rests were detected without a plan.
     search : SearchHistory or None
