@@ -6,6 +6,8 @@ Each is the leading cause of a fit that its tests reject, and the run was calibr
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding
 
 
@@ -34,13 +36,14 @@ class Addition:
     indistinguishable: tuple[str, ...] = ()
 
 
-def additions_text(additions: Sequence[Addition]) -> str:
-    """Return what was added, in which order, and what it explained: "g (χ² from 4 884 to 567)"."""
+def additions_text(additions: Sequence[Addition], sensor: Sensor) -> str:
+    """Return a sentence on what was added, in which order, and what it explained; or nothing."""
     parts = (
-        f"{one.group} (χ² from {_grouped(one.chi2_before)} to {_grouped(one.chi2_after)})"
+        f"{coefficient_words(sensor, one.group, one.coefficients)}, "
+        f"χ² from {_grouped(one.chi2_before)} to {_grouped(one.chi2_after)}"
         for one in additions
     )
-    return f"added to the model because the tests found it: {', then '.join(parts)}"
+    return f"Added to the model: {'; then '.join(parts)}." if additions else ""
 
 
 def doubtful_additions(additions: Sequence[Addition]) -> tuple[Finding, ...]:

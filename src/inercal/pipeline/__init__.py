@@ -278,11 +278,11 @@ def _calibrate(
     if run.check_standard:
         conditions[CHECK_STANDARD] = run.check_standard
     possible, findings = run.method.possible(sensor), findings + doubtful_additions(additions)
-    judged = verdict(estimate, sensor, findings, expected, possible, advisor.row_word, advisor)
-    if additions:
-        summary, *rest = judged.lines
-        lines = (summary, additions_text(additions), *rest)
-        judged = replace(judged, lines=lines, additions=additions)
+    judged = verdict(
+        estimate, sensor, findings, expected, possible, advisor.row_word, advisor,
+        additions_text(additions, sensor),
+    )  # fmt: skip
+    judged = replace(judged, additions=additions)
     if observations.rounding is not None:
         judged = replace(judged, rounding=observations.rounding.channels)
     value, covariance = estimate.value[:p], estimate.stated_covariance[:p, :p]
