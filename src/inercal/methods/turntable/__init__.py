@@ -5,7 +5,7 @@ The methods are `turntable_kalman`, `turntable_discrete` and `turntable_trajecto
 Remarks on a fit name parameters of the turntable that are far from their values in the run file.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import degrees, radians, sqrt
 
 import numpy as np
