@@ -31,9 +31,9 @@ from inercal.physics.motion import Motion
 from inercal.pipeline import load_recording
 from inercal.recordings import Recording
 from inercal.recordings.segments import (
+    average_sections,
     find_rests,
     holds_from_marks,
-    observe,
     transitions_between_rests,
     valid_marks,
 )
@@ -62,7 +62,7 @@ def ours(run: Run, recording: Recording) -> Array:
     """Return the scale of each axis, (6,), of its nominal one."""
     sensor = run.sensor
     marks, _ = valid_marks(recording, sensor, find_rests(recording, sensor).marks)
-    seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
+    seen = average_sections(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
     seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     estimate = run.method.estimator(run.estimator)(seen, sensor, run.bench, run.steps, run.priors)
     assert estimate.converged

@@ -104,6 +104,39 @@ def test_a_changed_source_is_compiled_again(package: Path, tmp_path: Path):
     assert call(package, home, locked=(package,)) == "0 1"
 
 
+def test_a_kernel_of_a_type_that_moved_is_compiled_again(tmp_path: Path):
+    package, home = tmp_path / "kernels", tmp_path / "home"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    source = """
+from inercal.estimation.kernel_options import njit
+from kernels.{} import Pair
+
+@njit(cache=True)
+def summed(pair):
+    return pair.first + pair.second
+
+def doubled(x):
+    return summed(Pair(x, x))
+
+doubled.stats = summed.stats
+"""
+    pair = """
+from typing import NamedTuple
+
+class Pair(NamedTuple):
+    first: int
+    second: int
+"""
+    for place, before in (("forms", None), ("shapes", "forms")):
+        (package / "one.py").write_text(source.format(place), encoding="utf-8")
+        (package / f"{place}.py").write_text(pair, encoding="utf-8")
+        if before is not None:
+            (package / f"{before}.py").unlink()
+        assert call(package, home) == "0 1"
+        assert call(package, home) == "1 0"
+
+
 def test_folders_have_the_names_that_numba_gives_them(tmp_path: Path):
     module = tmp_path / "one.py"
     assert inspect.isclass(UserWideCacheLocator)

@@ -42,7 +42,7 @@ from inercal.recordings.data.recording_loader import (
     stated_deviations,
 )
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
-from inercal.recordings.segments import marks_from_labels, observe
+from inercal.recordings.segments import average_sections, marks_from_labels
 
 Array = NDArray[np.float64]
 Plane = Literal["xz", "yz"]
@@ -171,7 +171,7 @@ def read(run: RunBase[TiltTableData]) -> EstimatorInput:
         Tilt(mark.label, plane, angle, recording.span(mark.start, mark.stop))
         for mark, plane, angle in zip(marks, planes, angles.tolist(), strict=True)
     )
-    means = observe(recording, run.sensor, marks, steps)
+    means = average_sections(recording, run.sensor, marks, steps)
     return EstimatorInput(recording, marks, means, steps, steps, recording.findings, conditions)
 
 

@@ -11,7 +11,7 @@ from inercal.benches import Hand
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Mark, Observations, Recording
-from inercal.recordings.segments import observe
+from inercal.recordings.segments import average_sections
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def make_marks(made: FerrarisSession) -> tuple[Mark, ...]:
 def make_observations(
     made: FerrarisSession, sensor: Sensor, steps: tuple[HandStep, ...], trial: int | None = None
 ) -> Observations:
-    return observe(recording(made, trial), sensor, make_marks(made), steps)
+    return average_sections(recording(made, trial), sensor, make_marks(made), steps)
 
 
 def make_bench(hands: Handling, **changes: Any) -> Hand:

@@ -15,7 +15,7 @@ from tests.accuracy.inercal_inputs import make_bench, make_marks, recording, tru
 from inercal.calibration.grade import assess
 from inercal.methods import METHODS
 from inercal.physics.sensors import imu
-from inercal.recordings.segments import observe
+from inercal.recordings.segments import average_sections
 
 Array = NDArray[np.float64]
 HANDS = Handling(gravity_sd=2e-4, tilt=0.3 * DEGREE)
@@ -42,7 +42,7 @@ def session(seed: int, case: str, size: float) -> tuple[bool, Array]:
         data[0, (start + stop) // 2 : stop, rng.integers(3)] += size
     changed = FerrarisSession(made.time, data, made.marks, made.gravity)
     log = recording(changed, 0)
-    seen = observe(log, SENSOR, make_marks(changed), STEPS, found=True, drifting=True)
+    seen = average_sections(log, SENSOR, make_marks(changed), STEPS, found=True, drifting=True)
     estimate = METHOD.estimator("ml")(seen, SENSOR, make_bench(HANDS), STEPS)
     error = (estimate.value[:P] - true_coefficients(device, SENSOR)) / estimate.std[:P]
     return not assess(estimate, P).rejects, error

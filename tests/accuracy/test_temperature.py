@@ -26,9 +26,9 @@ from inercal.methods.hand_likelihood import ml
 from inercal.physics.sensors import Sensor, imu
 from inercal.recordings import Mark, Observations, Recording
 from inercal.recordings.segments import (
+    average_sections,
     holds_from_marks,
     holds_from_observations,
-    observe,
     transitions_between_rests,
 )
 
@@ -123,7 +123,7 @@ def test_six_positions_of_a_recording_find_the_same(seed: int, soaked: bool):
     recording = Recording(made.time, data, sensor.channels, ("m/s²",) * 3, temperature=temperature)
     steps = [make_hold(label, up) for label, up in faces.items()]
     marks = [Mark(label, *span) for label, span in made.marks.items()]
-    seen = observe(recording, sensor, marks, steps, found=True)
+    seen = average_sections(recording, sensor, marks, steps, found=True)
     assert seen.temperature is not None
     assert seen.temperature == pytest.approx(
         [temperature[mark.start : mark.stop].mean() for mark in marks]
@@ -168,7 +168,9 @@ def in_hand(seed: int, trials: int, *, soaked: bool) -> tuple[Array, Array, Sens
     for data in thermal.warm_imu_readings(device, made.data, warm, temperature):
         units = ("m/s²",) * 3 + ("rad/s",) * 3
         recording = Recording(made.time, data, sensor.channels, units, temperature=temperature)
-        seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True, found=True)
+        seen = average_sections(
+            recording, sensor, marks, holds_from_marks(marks), by_hand=True, found=True
+        )
         seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
         estimate = METHODS["multi_position"].estimator("joint")(
             seen, sensor, plate, holds_from_observations(seen, sensor)
@@ -292,7 +294,9 @@ def test_what_follows_the_temperature_is_a_suspect_in_a_hand():
     recording = Recording(
         made.time, data, sensor.channels, ("m/s²",) * 3 + ("rad/s",) * 3, temperature=temperature
     )
-    seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True, found=True)
+    seen = average_sections(
+        recording, sensor, marks, holds_from_marks(marks), by_hand=True, found=True
+    )
     seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     solve = METHODS["multi_position"].estimator("joint")
     plate = Hand(Measured(session.gravity, 0.0), None)

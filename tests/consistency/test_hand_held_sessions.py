@@ -17,9 +17,9 @@ from inercal.methods import METHODS
 from inercal.physics.sensors import imu
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments import (
+    average_sections,
     holds_from_marks,
     holds_from_observations,
-    observe,
     transitions_between_rests,
 )
 
@@ -71,7 +71,7 @@ def judge(
     flagged: list[bool] = []
     for data in made.data:
         recording = Recording(made.time, data, sensor.channels, units)
-        seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
+        seen = average_sections(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
         seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
         found = METHOD.estimator(estimator)(
             seen, sensor, bench, holds_from_observations(seen, sensor)

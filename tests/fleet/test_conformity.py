@@ -13,7 +13,7 @@ from inercal.fleet.calibration import calibrate_line
 from inercal.fleet.latest import latest_results
 from inercal.fleet.line import read_line
 from inercal.fleet.population import read_population
-from inercal.fleet.report_page import page
+from inercal.fleet.report_page import fleet_page
 from inercal.fleet.station import calibrate_arrival
 from inercal.fleet.statistics import fleet_statistics
 from inercal.fleet.status import line_status
@@ -61,7 +61,7 @@ def test_limits_that_differ_from_sensor_to_sensor_are_counted_as_judged(folder: 
     assert [one.counts for one in found.yields] == [dict.fromkeys(RESULTS, 1)]
     assert found.yields[0].share == 0.25
     assert all(one.observed is None for one in found.coefficients)
-    assert "Limits differ" in page(found, "line")
+    assert "Limits differ" in fleet_page(found, "line")
 
 
 def test_a_station_passes_what_keeps_the_guard_band(folder: Path):

@@ -13,7 +13,7 @@ from inercal.fleet.control_chart import control_charts
 from inercal.fleet.findings import statistics_object, summary_lines
 from inercal.fleet.line import SensorRow, read_line
 from inercal.fleet.population import Population, read_population
-from inercal.fleet.report_page import page
+from inercal.fleet.report_page import fleet_page
 from inercal.fleet.results import FOLDER, part_paths
 from inercal.fleet.statistics import FleetStatistics, capability, fleet_statistics
 
@@ -157,7 +157,7 @@ def test_object_and_page_say_the_same(tmp_path: Path):
     assert content["sensors"] == 300
     assert len(content["coefficients"]) == 12
     assert content["coefficients"][0]["cpk"]["value"] > 0
-    html = page(found, "line 1")
+    html = fleet_page(found, "line 1")
     assert "<h1>line 1</h1>" in html
     assert all(one.id in html for one in found.outliers)
     assert html.count("<svg") == 4
@@ -205,6 +205,6 @@ def test_100_000_sensors_take_seconds_and_a_small_page(tmp_path: Path):
     line = write_line(tmp_path, 100_000, Truth(outliers=50), part=200)
     begin = process_time()
     found = fleet_statistics(read_population(line, tmp_path / FOLDER))
-    html = page(found, "line")
+    html = fleet_page(found, "line")
     assert process_time() - begin < 20
     assert len(html.encode()) < 5e6

@@ -19,9 +19,9 @@ from inercal.physics.plan import Hold
 from inercal.physics.sensors import imu
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments import (
+    average_sections,
     holds_from_marks,
     holds_from_observations,
-    observe,
     transitions_between_rests,
 )
 
@@ -36,7 +36,7 @@ def calibrated(ups: Array, also: Sequence[str] = (), **session: float) -> Estima
     units = ("m/s²",) * 3 + ("rad/s",) * 3
     recording = Recording(made.time, made.data[0], sensor.channels, units)
     marks = [Mark(f"r{k:02d}", a + 10, b - 10) for k, (a, b) in enumerate(made.rests)]
-    seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
+    seen = average_sections(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
     seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     bench = Hand(Measured(9.81, 1e-3))
     return METHOD.estimator("")(seen, sensor, bench, holds_from_observations(seen, sensor))

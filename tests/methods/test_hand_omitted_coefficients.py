@@ -20,9 +20,9 @@ from inercal.methods import METHODS
 from inercal.physics.sensors import imu
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments import (
+    average_sections,
     holds_from_marks,
     holds_from_observations,
-    observe,
     transitions_between_rests,
 )
 
@@ -45,7 +45,7 @@ def six(change: Change | None, seed: int = 1, estimator: str = "ml") -> Estimate
     method = METHODS["six_position"]
     sensor, steps = method.prepare(imu().select_axes("f")), method.plan()
     changed = FerrarisSession(made.time, data, made.marks, made.gravity)
-    seen = observe(recording(changed, 0), sensor, make_marks(changed), steps, found=True)
+    seen = average_sections(recording(changed, 0), sensor, make_marks(changed), steps, found=True)
     return method.estimator(estimator)(seen, sensor, make_bench(PRECISE), steps)
 
 
@@ -124,7 +124,7 @@ def hand_held(
     sensor = METHODS["multi_position"].prepare(imu(), also=("g",))
     sections = [Mark(f"r{k:02d}", a + TRIMMED, b - TRIMMED) for k, (a, b) in enumerate(made.rests)]
     log = Recording(made.time, data, sensor.channels, ("m/s²",) * 3 + ("rad/s",) * 3)
-    seen = observe(log, sensor, sections, holds_from_marks(sections), by_hand=True)
+    seen = average_sections(log, sensor, sections, holds_from_marks(sections), by_hand=True)
     seen = replace(seen, transitions=transitions_between_rests(log, sensor, sections))
     place = Hand(Measured(session.gravity, session.gravity_sd), session.latitude)
     return METHODS["multi_position"].estimator("joint")(

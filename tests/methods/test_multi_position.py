@@ -33,7 +33,7 @@ from inercal.methods.multi_position.row_whitening import whitener
 from inercal.physics.sensors import Sensor, imu
 from inercal.recordings import Mark, Observations, Recording, Transitions
 from inercal.recordings.segments import transitions_between_rests
-from inercal.recordings.segments.section_means import observe
+from inercal.recordings.segments.section_means import average_sections
 
 Array = NDArray[np.float64]
 SESSION = Session(latitude=47 * DEGREE, gravity_sd=2e-4)
@@ -53,7 +53,7 @@ def observed(made: Handheld, sensor: Sensor) -> Observations:
     m = len(sensor.axes)
     output = np.ascontiguousarray(made.data[0, :, :m])
     recording = Recording(made.time, output, sensor.channels, ("SI",) * m)
-    seen = observe(recording, sensor, marks, steps, by_hand=True)
+    seen = average_sections(recording, sensor, marks, steps, by_hand=True)
     return (
         replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
         if m == 6

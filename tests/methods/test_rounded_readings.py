@@ -23,7 +23,7 @@ from inercal.methods.multi_position import METHOD, joint
 from inercal.physics.sensors import Sensor, imu
 from inercal.pipeline import Outcome, calibrate
 from inercal.recordings import Mark, Recording
-from inercal.recordings.segments.section_means import observe
+from inercal.recordings.segments.section_means import average_sections
 from inercal.runfile import read
 
 Array = NDArray[np.float64]
@@ -186,7 +186,7 @@ def test_positions_and_turns_in_steps(name: str, read_out: ReadOut, noise: float
             turn_angle=hands.turn_angle,
             turn_tilt=hands.turn_tilt,
         )
-        seen = observe(recording, sensor, marks, steps, drifting=True)
+        seen = average_sections(recording, sensor, marks, steps, drifting=True)
         estimate = use.estimator("")(seen, sensor, bench, steps, ())
         expected = np.array([made.coefficients()[key] for key in sensor.coefficients])
         z += deviations(estimate, sensor, expected).values()

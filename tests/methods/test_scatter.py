@@ -15,7 +15,11 @@ from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.stages import fit_accelerometers, fit_gyros
 from inercal.physics.sensors import imu
 from inercal.recordings import Mark, Recording
-from inercal.recordings.segments import holds_from_marks, observe, transitions_between_rests
+from inercal.recordings.segments import (
+    average_sections,
+    holds_from_marks,
+    transitions_between_rests,
+)
 
 METHOD = METHODS["multi_position"]
 STILL = Session(latitude=47 * DEGREE, gravity_sd=2e-4)
@@ -29,7 +33,7 @@ def session(seed: int, **tremor: float) -> Rests:
     made = record(device, session, rng)
     recording = Recording(made.time, made.data[0], sensor.channels, ("SI",) * 6)
     marks = [Mark(f"r{k:02d}", a + INSIDE, b - INSIDE) for k, (a, b) in enumerate(made.rests)]
-    seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
+    seen = average_sections(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
     seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     return Rests(seen, sensor, Hand(Measured(session.gravity, 2e-4), session.latitude))
 

@@ -18,7 +18,7 @@ from inercal.basics.units import Measured
 from inercal.benches import Hand
 from inercal.estimation import Estimate, Gaussian, Problem
 from inercal.methods import curvature, hand_likelihood, method, rates_and_poses, tumble
-from inercal.methods.dividing_head_problem import problem as head_problem
+from inercal.methods.dividing_head_problem import head_problem
 from inercal.methods.solving import solve
 from inercal.physics.sensors import G0, imu, triad
 from inercal.recordings import Observations
@@ -60,7 +60,7 @@ def hand(name: str, *, drift: bool = False) -> Case:
     )
     return Case(
         rows,
-        lambda some: hand_likelihood.problem(some, sensor, stated, steps),
+        lambda some: hand_likelihood.hand_problem(some, sensor, stated, steps),
         lambda some, priors: hand_likelihood.ml(some, sensor, stated, steps, priors),
     )
 

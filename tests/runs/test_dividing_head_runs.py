@@ -23,7 +23,7 @@ from inercal.physics.sensors import G0, triad
 from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
 from inercal.recordings import Mark, Recording
 from inercal.recordings.io.write import write_recording
-from inercal.recordings.segments import observe
+from inercal.recordings.segments import average_sections
 from inercal.runfile import read
 
 Array = NDArray[np.float64]
@@ -692,7 +692,7 @@ def test_coloured_noise_is_in_the_standard_error(seconds: float, most: float):
         noise = np.random.default_rng(seed).standard_normal((24 * n + 1000, 2))
         data = np.asarray(lfilter([1.0], [1.0, -phi], noise, axis=0))[1000:]
         recording = Recording(np.arange(24 * n) / rate, data, ("a", "b"), ("m/s²", "m/s²"))
-        seen = observe(recording, sensor, marks, steps)
+        seen = average_sections(recording, sensor, marks, steps)
         ratio.append(seen.mean / np.sqrt(np.diagonal(seen.covariance, axis1=-2, axis2=-1)))
     rms = float(np.sqrt(np.mean(np.square(ratio))))
     print("scatter of means over their standard error", rms)

@@ -12,10 +12,10 @@ from inercal.physics.plan import Hold, describe_direction
 from inercal.pipeline import simulate
 from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.segments import (
+    average_sections,
     check_against_plan,
     check_turn_ends,
     marks_from_labels,
-    observe,
 )
 from inercal.runfile import Run, read
 
@@ -34,7 +34,7 @@ def made(run: Run) -> Recording:
 
 @pytest.fixture(scope="module")
 def observations(run: Run, made: Recording) -> Observations:
-    return observe(made, run.sensor, marks_from_labels(made), nominal_plan(run))
+    return average_sections(made, run.sensor, marks_from_labels(made), nominal_plan(run))
 
 
 def changed(

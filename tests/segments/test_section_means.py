@@ -11,7 +11,7 @@ from tests.refusals import refused
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.sensors import Noise, Readout, triad
 from inercal.recordings import Finding, Mark, Observations, Recording
-from inercal.recordings.segments import observe
+from inercal.recordings.segments import average_sections
 from inercal.recordings.segments.section_means import MIN_SAMPLES
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def noise(n: int = 3000, trials: tuple[int, ...] = (), seed: int = 4) -> Array:
 
 def test_means_are_those_of_the_samples_inside_the_marks():
     data = noise()
-    seen = observe(recording(data), SENSOR, MARKS, STEPS)
+    seen = average_sections(recording(data), SENSOR, MARKS, STEPS)
     assert seen.labels == ("down", "up", "turn")  # the plan's order
     for row, (start, stop) in zip(seen.mean, [(1500, 2700), (100, 900), (1000, 1400)], strict=True):
         expected = (data[start:stop].mean(axis=0) - 7.0) / 50.0
@@ -46,7 +46,7 @@ def test_means_are_those_of_the_samples_inside_the_marks():
 
 def test_a_constant_reading_is_returned_to_the_last_digit():
     data = np.full((3000, 3), [57.0, -43.0, 7.0])
-    seen = observe(recording(data), SENSOR, MARKS, STEPS)
+    seen = average_sections(recording(data), SENSOR, MARKS, STEPS)
     assert seen.mean.tolist() == [[1.0, -1.0, 0.0]] * 3
 
 
@@ -54,21 +54,23 @@ def test_channels_are_taken_by_name():
     data = noise()
     columns = [2, 0, 1]
     shuffled = recording(data[:, columns], channels=("z", "x", "y"))
-    assert observe(shuffled, SENSOR, MARKS, STEPS).mean == pytest.approx(
-        observe(recording(data), SENSOR, MARKS, STEPS).mean, rel=1e-12
+    assert average_sections(shuffled, SENSOR, MARKS, STEPS).mean == pytest.approx(
+        average_sections(recording(data), SENSOR, MARKS, STEPS).mean, rel=1e-12
     )
 
 
 def test_durations_samples_and_middles_are_those_of_the_marks():
     data = noise()
-    seen = observe(recording(data, time=np.arange(3000) / RATE + 5.0), SENSOR, MARKS, STEPS)
+    seen = average_sections(
+        recording(data, time=np.arange(3000) / RATE + 5.0), SENSOR, MARKS, STEPS
+    )
     assert seen.samples.tolist() == [1200, 800, 400]
     assert seen.duration == pytest.approx([12.0, 8.0, 4.0])
     assert seen.time == pytest.approx([5 + 21.0, 5 + 5.0, 5 + 12.0])
 
 
 def test_a_step_without_a_mark_leaves_no_row():
-    seen = observe(recording(noise()), SENSOR, MARKS[:2], STEPS)
+    seen = average_sections(recording(noise()), SENSOR, MARKS[:2], STEPS)
     assert seen.labels == ("up", "turn")
 
 
@@ -83,7 +85,7 @@ def correlated() -> tuple[Array, Array, Observations]:
     return (
         mixing @ mixing.T / 50.0**2,
         np.full(3, -7.0 / 50.0),
-        observe(recording(data), SENSOR, MARKS, STEPS),
+        average_sections(recording(data), SENSOR, MARKS, STEPS),
     )
 
 
@@ -120,7 +122,7 @@ def test_coloured_noise_is_stated_by_its_density_at_zero_frequency():
     data[:, 0] = white[:, 0] / np.sqrt(1 - 0.9**2)
     for k in range(1, white.shape[1]):
         data[:, k] = 0.9 * data[:, k - 1] + white[:, k]
-    seen = observe(recording(data), SENSOR, MARKS, STEPS)
+    seen = average_sections(recording(data), SENSOR, MARKS, STEPS)
     stated = np.diagonal(seen.covariance, axis1=-2, axis2=-1).mean(axis=(0, 2))
     scatter = seen.mean.var(axis=0, ddof=1).mean(axis=-1)
     # Batches of 40 to 60 samples hold all but a tenth of it.
@@ -131,9 +133,9 @@ def test_a_turns_own_motion_is_not_taken_for_noise():
     data = noise()
     moving = data.copy()
     moving[1000:1400] += 1e4 * np.sin(np.linspace(0, 2 * pi, 400))[:, None]
-    still = observe(recording(data), SENSOR, MARKS, STEPS)
+    still = average_sections(recording(data), SENSOR, MARKS, STEPS)
     assert np.array_equal(
-        observe(recording(moving), SENSOR, MARKS, STEPS).covariance, still.covariance
+        average_sections(recording(moving), SENSOR, MARKS, STEPS).covariance, still.covariance
     )
 
 
@@ -141,9 +143,9 @@ def test_a_stated_drift_is_carried_between_the_means_of_each_channel():
     noisy = replace(SENSOR.axes[1], noise=Noise(bias_instability=0.01))
     drifting = replace(SENSOR, axes=(SENSOR.axes[0], noisy, SENSOR.axes[2]))
     data = noise()
-    without = observe(recording(data), SENSOR, MARKS, STEPS)
+    without = average_sections(recording(data), SENSOR, MARKS, STEPS)
     assert without.drift is None
-    seen = observe(recording(data), drifting, MARKS, STEPS)
+    seen = average_sections(recording(data), drifting, MARKS, STEPS)
     assert np.array_equal(seen.covariance, without.covariance)
     assert seen.drift is not None
     assert not seen.drift[..., [0, 2]].any()
@@ -156,13 +158,15 @@ def test_a_stated_drift_is_carried_between_the_means_of_each_channel():
 def test_a_section_of_too_few_samples_is_refused():
     marks = (Mark("up", 100, 100 + MIN_SAMPLES - 1), *MARKS[1:])
     with refused(names=["up"]):
-        observe(recording(noise()), SENSOR, marks, STEPS)
-    observe(recording(noise()), SENSOR, (Mark("up", 100, 100 + MIN_SAMPLES), *MARKS[1:]), STEPS)
+        average_sections(recording(noise()), SENSOR, marks, STEPS)
+    average_sections(
+        recording(noise()), SENSOR, (Mark("up", 100, 100 + MIN_SAMPLES), *MARKS[1:]), STEPS
+    )
 
 
 def test_turns_alone_are_refused_since_only_rests_show_the_noise():
     with refused(names=()):
-        observe(recording(noise()), SENSOR, MARKS[1:2], STEPS)
+        average_sections(recording(noise()), SENSOR, MARKS[1:2], STEPS)
 
 
 def test_a_hold_with_a_move_inside_its_mark_is_refused():
@@ -171,7 +175,7 @@ def test_a_hold_with_a_move_inside_its_mark_is_refused():
     holds = (*MARKS, Mark("level", 2800, 2900))
     steps = (*STEPS, Hold("level", (1.0, 0.0, 0.0), 1.0))
     with refused(names=["up"]):
-        observe(recording(data), SENSOR, holds, steps)
+        average_sections(recording(data), SENSOR, holds, steps)
 
 
 def flaw(what: str, start: int, stop: int, channel: str | None = "y") -> Recording:
@@ -189,13 +193,13 @@ def test_a_section_with_saturated_or_stuck_samples_is_refused(
     what: str, start: int, stop: int, section: str
 ):
     with refused(names=[section]):
-        observe(flaw(what, start, stop), SENSOR, MARKS, STEPS)
+        average_sections(flaw(what, start, stop), SENSOR, MARKS, STEPS)
 
 
 @pytest.mark.parametrize("what", ["saturation", "stuck"])
 def test_flaws_between_the_sections_or_in_other_channels_do_no_harm(what: str):
-    observe(flaw(what, 900, 1000), SENSOR, MARKS, STEPS)
-    observe(flaw(what, 200, 300, channel="gx"), SENSOR, MARKS, STEPS)
+    average_sections(flaw(what, 900, 1000), SENSOR, MARKS, STEPS)
+    average_sections(flaw(what, 200, 300, channel="gx"), SENSOR, MARKS, STEPS)
 
 
 def with_gap(after: int) -> Recording:
@@ -207,9 +211,9 @@ def with_gap(after: int) -> Recording:
 @pytest.mark.parametrize("after", [1000, 1200, 1398])
 def test_a_turn_with_samples_lost_is_refused(after: int):
     with refused(names=["turn"]):
-        observe(with_gap(after), SENSOR, MARKS, STEPS)
+        average_sections(with_gap(after), SENSOR, MARKS, STEPS)
 
 
 @pytest.mark.parametrize("after", [300, 999, 1399, 2000])
 def test_samples_lost_outside_a_turn_do_no_harm(after: int):
-    observe(with_gap(after), SENSOR, MARKS, STEPS)
+    average_sections(with_gap(after), SENSOR, MARKS, STEPS)

@@ -27,9 +27,9 @@ from inercal.physics.sensors import imu
 from inercal.pipeline import Outcome
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments import (
+    average_sections,
     holds_from_marks,
     holds_from_observations,
-    observe,
     transitions_between_rests,
 )
 
@@ -221,7 +221,7 @@ def hand_held(change: Callable[[Array], None], seed: int, latitude: float = 47.0
     sensor = METHODS["multi_position"].prepare(imu(), also=("g",))
     sections = [Mark(f"r{k:02d}", a + 20, b - 20) for k, (a, b) in enumerate(made.rests)]
     log = Recording(made.time, data, sensor.channels, ("m/s²",) * 3 + ("rad/s",) * 3)
-    seen = observe(log, sensor, sections, holds_from_marks(sections), by_hand=True)
+    seen = average_sections(log, sensor, sections, holds_from_marks(sections), by_hand=True)
     seen = replace(seen, transitions=transitions_between_rests(log, sensor, sections))
     place = Hand(Measured(session.gravity, session.gravity_sd), 47.0 * DEGREE)
     return METHODS["multi_position"].estimator("joint")(

@@ -10,9 +10,9 @@ instead of vectorising them.
 """
 
 import numpy as np
-from numba import njit
 
 from inercal.basics.arrays import Array, Bools
+from inercal.estimation.kernel_options import njit
 
 # Enough to fill the vector units; a block of 25 × 25 matrices still fits the second cache.
 LANES = 32

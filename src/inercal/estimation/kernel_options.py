@@ -1,18 +1,32 @@
-"""Decorators of kernels that compile sooner and call one another without overhead.
+"""Decorators of kernels, such as those that compile sooner and call one another without overhead.
 
-A kernel of these allocates nothing, and so counts no references to arrays: its caller allocates
-what it works with. Only this module names options and parts of Numba that are not public; the
-version of Numba is limited for their sake.
+A kernel of the latter allocates nothing, and so counts no references to arrays: its caller
+allocates what it works with. Only this module names options and parts of Numba that are not public;
+the version of Numba is limited for their sake. All kernels take `njit` from here, which also
+accepts kernels that another version of inercal has stored.
 """
 # Numba has no types.
-# pyright: reportUnknownMemberType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from numba import njit
-from numba.core import event
+from numba.core import caching, event
+
+
+class _IndexOfKernels(caching.IndexDataCacheFile):
+    """An index that counts as empty where it names types that are now in another module."""
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            return super()._load_index()
+        except (ImportError, AttributeError):  # while unpickling, before it is compared
+            return {}
+
+
+caching.IndexDataCacheFile = _IndexOfKernels
 
 KERNEL_OPTIONS: dict[str, Any] = {
     "cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True,

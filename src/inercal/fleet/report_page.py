@@ -54,10 +54,10 @@ def write_fleet_report(found: FleetStatistics, path: Path, line: str) -> Path:
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    return write_text(path, page(found, line))
+    return write_text(path, fleet_page(found, line))
 
 
-def page(found: FleetStatistics, line: str) -> str:
+def fleet_page(found: FleetStatistics, line: str) -> str:
     """Return the page, HTML."""
     population = found.population
     limited = [one for one in found.coefficients if one.limits is not None]

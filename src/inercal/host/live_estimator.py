@@ -17,7 +17,6 @@ from math import asin, atan2, degrees, nan
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
@@ -25,6 +24,7 @@ from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
+from inercal.estimation.kernel_options import njit
 from inercal.host.assembly import SampleBlock
 from inercal.host.tasks import required_rate
 from inercal.methods import METHODS, PartialEstimate

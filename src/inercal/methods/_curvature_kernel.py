@@ -2,9 +2,8 @@
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
 
-from numba import njit
-
 from inercal.basics.arrays import Array, Indices
+from inercal.estimation.kernel_options import njit
 from inercal.methods.residuals._row_operations import INNER, KERNEL, add, fill
 
 

@@ -45,7 +45,7 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
     return on_head(positions, reverse=reverse, seconds=seconds)
 
 
-def problem(
+def head_problem(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
@@ -77,7 +77,7 @@ def problem(
         for name, parameter in wider.nuisances(steps, sensor).items()
         if name != "lean"  # of second order: its column is that of its own estimate
     }
-    return mean_problem.problem(
+    return mean_problem.problem_of_readings(
         observations,
         sensor,
         {} if exact else bench.nuisances(steps, sensor),

@@ -57,11 +57,11 @@ def ml(
     missing = [step for step in steps if step.label not in observations.labels]
 
     def first(some: Observations, own: Priors) -> Problem:
-        return problem(some, sensor, bench, done, own)
+        return hand_problem(some, sensor, bench, done, own)
 
     def with_curvature(some: Observations, own: Priors, found: Estimate) -> Problem | None:
         curvature = tilt_curvature(found, sensor, bench, done, some.duration)
-        return curvature and problem(some, sensor, bench, done, own, curvature)
+        return curvature and hand_problem(some, sensor, bench, done, own, curvature)
 
     try:
         estimate = solving.solve(observations, priors, first, with_curvature)
@@ -72,7 +72,7 @@ def ml(
     return replace(estimate, tests=observations.tests)
 
 
-def problem(
+def hand_problem(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
@@ -111,7 +111,7 @@ def problem(
             for j, k in enumerate(turns)
             for i, a in enumerate("xyz")
         }
-    return mean_problem.problem(
+    return mean_problem.problem_of_readings(
         observations,
         sensor,
         declared,

@@ -46,7 +46,7 @@ class Unknowns:
     declared : mapping of str to Parameter
         The bench's parameters by full name; those with a deviation are nuisances.
     forces : mapping of str to (...) array
-        Start values of specific forces without a prior, as of `problem`.
+        Start values of specific forces without a prior, as of `problem_of_readings`.
     """
 
     sensor: Sensor
@@ -87,7 +87,7 @@ class Unknowns:
         """Return the bench's parameters by full name, (...) SI, of parameters x (..., p + k)."""
         return self.exact | {n: x[..., self.p + k] for k, n in enumerate(self.nuisances)}
 
-    def problem(
+    def compose(
         self,
         linearise: Linearise,
         noise: Array | Callable[[Array], Array],
@@ -169,7 +169,7 @@ def joint(
     estimate = solving.solve(
         observations,
         priors,
-        lambda some, own: problem(
+        lambda some, own: problem_of_readings(
             some,
             sensor,
             declared,
@@ -182,7 +182,7 @@ def joint(
     return replace(estimate, tests=observations.tests)
 
 
-def problem(
+def problem_of_readings(
     observations: Observations,
     sensor: Sensor,
     declared: Mapping[str, Parameter],
@@ -283,7 +283,7 @@ def _compare_vectors(
     stated_noise: ReadingNoise | None,
     priors: Priors,
 ) -> Problem:
-    """Compare each reading with that of the motion its axis sensed; arguments as of `problem`."""
+    """Compare each reading with that of the motion its axis sensed, for `problem_of_readings`."""
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
     added = {n: one for n, one in reading_columns.items() if n in unknowns.estimated}
     at = [p + nuisances.index(name) for name in added]
@@ -334,7 +334,7 @@ def _compare_vectors(
         correlated,
         np.arange(len(observations.labels) * len(observations.channels), dtype=np.int64),
     )
-    return unknowns.problem(
+    return unknowns.compose(
         linearise,
         full if dwell_covariance is None else noise,
         tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),

@@ -53,7 +53,7 @@ def joint_problem(
 ) -> Problem:
     """Return the problem of all readings, with the bench's errors as nuisances."""
     # Rows of a table without times are in the order of measurement.
-    return mean_problem.problem(
+    return mean_problem.problem_of_readings(
         observations,
         sensor,
         bench.acting_parameters(steps),

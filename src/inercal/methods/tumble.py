@@ -108,7 +108,7 @@ def least_squares(
         estimate = solving.solve(
             observations,
             priors,
-            lambda some, own: dividing_head_problem.problem(some, sensor, bench, steps, own),
+            lambda some, own: dividing_head_problem.head_problem(some, sensor, bench, steps, own),
         )
         require_observed(estimate, sensor, missing=())
     except NotObserved as error:
@@ -191,7 +191,7 @@ def fourier(
     singular = 1 / np.sqrt(variance)
     estimate = Estimate.from_closed_form(sensor.coefficients, value, covariance, singular)
     estimate = with_tests(
-        estimate, dividing_head_problem.problem(observations, sensor, bench, steps)
+        estimate, dividing_head_problem.head_problem(observations, sensor, bench, steps)
     )
     return replace(
         estimate,

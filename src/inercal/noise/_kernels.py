@@ -4,10 +4,10 @@ One pass over three places of the cumulative sum; NumPy would pass over it once 
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import njit
 
 _BLOCK = 4096  # differences of all factors in turn, whose places stay in the cache
 

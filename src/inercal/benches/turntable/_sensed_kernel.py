@@ -8,10 +8,10 @@ Attitude, f, ω and its derivative are those of `inercal.benches.turntable.attit
 from math import cos, sin
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import njit
 
 Integers = NDArray[np.int64]
 

@@ -15,12 +15,12 @@ table may have stopped in the gap. A poll that no motion within the limits expla
 from math import inf, nan
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.turntable import Turntable
+from inercal.estimation.kernel_options import njit
 from inercal.host.assembly.poll_record import MAX_UNREAD, PollRecord
 from inercal.host.assembly.reading_plausibility import (
     NOISE_FACTOR,

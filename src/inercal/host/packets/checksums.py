@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Indices
+from inercal.estimation.kernel_options import njit
 
 Bytes = NDArray[np.uint8]
 Values = NDArray[np.uint32]

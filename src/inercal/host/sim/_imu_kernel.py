@@ -15,10 +15,10 @@ terms those of `inercal.physics.sensors.axis_model` in the reference form: each 
 from math import floor
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import njit
 from inercal.physics.sensors.basis_functions import COMPONENTS
 
 Integers = NDArray[np.int64]

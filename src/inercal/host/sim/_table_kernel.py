@@ -25,10 +25,10 @@ from math import ceil, copysign, floor, sqrt, tau
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import njit
 
 HOLD, GO, RUN, SEARCH = 0, 1, 2, 3
 MAX_SMOOTH = 1024

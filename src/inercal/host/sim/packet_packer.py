@@ -7,10 +7,10 @@ Lines of text are left to `encode`.
 # pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import njit
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES, ROLES, BinaryFrame
 

@@ -13,7 +13,7 @@ from inercal.host import devices
 from inercal.host.devices import SerialPort, imu_lines, list_serial_ports, table_lines
 from inercal.host.packets import PRESETS
 from inercal.host.tasks import host_plan
-from inercal.host.web.json_objects import JsonObject, as_object
+from inercal.host.web.json_objects import JsonObject, object_or_none
 from inercal.host.web.plans import Plan
 from inercal.runfile import read
 
@@ -198,7 +198,7 @@ def _port_text(port: SerialPort) -> str:
 
 
 def _require_object(asked: object, what: str) -> JsonObject:
-    result = as_object(asked)
+    result = object_or_none(asked)
     if result is None:
         raise InputError(
             f"no {what} is chosen; choose one from the list or give its address", key=what
@@ -207,7 +207,7 @@ def _require_object(asked: object, what: str) -> JsonObject:
 
 
 def _text_value(asked: object, key: str) -> str | None:
-    value = (as_object(asked) or {}).get(key)
+    value = (object_or_none(asked) or {}).get(key)
     if value is not None and not (isinstance(value, str) and len(value) <= _MAX_TEXT):
         raise InputError(
             f"{key} {str(value)[:40]!r} is not possible; give a text of at most {_MAX_TEXT} "

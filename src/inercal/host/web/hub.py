@@ -15,7 +15,7 @@ from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import (
     JsonObject,
     ambient_temperature,
-    as_object,
+    object_or_none,
     printable_line,
 )
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
@@ -164,7 +164,7 @@ class Hub:
             case "begin manual":
                 await self._begin_manual(asked)
             case "manual":
-                self._send_manual(parse_command(as_object(asked.get("ask")) or {}))
+                self._send_manual(parse_command(object_or_none(asked.get("ask")) or {}))
             case "release":
                 everything = asked.get("all") is True
                 self._send_manual(HaltCommand() if everything else ReleaseCommand())

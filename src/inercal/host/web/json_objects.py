@@ -19,7 +19,7 @@ def parse_object(text: str | bytes) -> JsonObject:
         It is none.
     """
     try:
-        result = as_object(json.loads(text))
+        result = object_or_none(json.loads(text))
     except RecursionError:
         result = None
     if result is None:
@@ -29,7 +29,7 @@ def parse_object(text: str | bytes) -> JsonObject:
     return result
 
 
-def as_object(value: object) -> JsonObject | None:
+def object_or_none(value: object) -> JsonObject | None:
     """Return a value that is a JSON object; None for all else."""
     return cast("JsonObject", value) if isinstance(value, Mapping) else None
 

@@ -13,7 +13,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
 from inercal.host.recording_writer import require_recordable
 from inercal.host.tasks import host_plan
-from inercal.host.web.json_objects import JsonObject, as_object
+from inercal.host.web.json_objects import JsonObject, object_or_none
 from inercal.runfile import Run, read
 from inercal.runfile.filter_fields import FILTER_KEY, filter_errors, filter_fields
 from inercal.runfile.schema import RunSchema
@@ -134,7 +134,7 @@ def filter_changes(requested: object) -> Mapping[str, str] | None:
     """
     if requested is None:
         return None
-    given: Mapping[str, Any] | None = as_object(requested)
+    given: Mapping[str, Any] | None = object_or_none(requested)
     if given is None or len(given) > _MAX_CHANGES:
         raise InputError("filter: give an object of parameters and their values", key="filter")
     for key, text in given.items():

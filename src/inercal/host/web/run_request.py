@@ -19,7 +19,7 @@ from inercal.host.manual.commands import ManualCommand, command_fields, parse_co
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import is_locked, lock_file, os_errors_as_input_errors
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
-from inercal.host.web.json_objects import as_object
+from inercal.host.web.json_objects import object_or_none
 from inercal.runfile.filter_fields import changed_section
 
 PROCESS_RECORD = "run.page.json"
@@ -237,10 +237,10 @@ def parse_manual_line(line: str) -> tuple[str, ManualCommand]:
         It is none.
     """
     try:
-        fields = as_object(json.loads(line)) or {}
+        fields = object_or_none(json.loads(line)) or {}
     except ValueError:
         fields = {}
-    return str(fields.get("by", "")), parse_command(as_object(fields.get("command")) or {})
+    return str(fields.get("by", "")), parse_command(object_or_none(fields.get("command")) or {})
 
 
 def end_message(order: ProcessRequest, state: str, words: str = "", **more: object) -> EndMessage:

@@ -42,8 +42,8 @@ from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
 from inercal.methods.centrifuge_norm.problems import (
     exact_bench_norm_problem,
+    likelihood_problem,
     norm_problem,
-    problem,
 )
 from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.methods.likelihood_tests import with_tests
@@ -142,7 +142,7 @@ def ml(
         Coefficients that these dwells do not determine.
     """
     estimate = solving.solve(
-        observations, priors, lambda some, own: problem(some, sensor, bench, steps, own)
+        observations, priors, lambda some, own: likelihood_problem(some, sensor, bench, steps, own)
     )
     require_observed(estimate, sensor, missing=())
     notes = [_observability_note(estimate)]
@@ -262,7 +262,7 @@ class ClosedFormulas:
         notes = (NOISE_ONLY_NOTE, SIGN_NOTE)
         return with_tests(
             Estimate.from_closed_form(sensor.coefficients, value, spread, singular, notes),
-            problem(observations, sensor, bench, steps),
+            likelihood_problem(observations, sensor, bench, steps),
             exact_bench_norm_problem(observations, sensor, bench, steps),
         )
 

@@ -48,7 +48,7 @@ _Result = TypeVar("_Result")
 _COMPARED = 16  # trials
 
 
-def problem(
+def likelihood_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
     """Return the problem of `ml`: by vectors where the bench knows its attitudes, else by norms."""
@@ -267,7 +267,7 @@ def _ungauged_norm_problem(
         result, _, seen = compared(x)
         return float(np.max(result.norm / np.sqrt(seen.variance)))
 
-    return unknowns.problem(
+    return unknowns.compose(
         linearise,
         noise,
         observations.labels,
@@ -311,7 +311,7 @@ def vector_problem(
                 blocks[..., k, :, k, :] += by[..., k, :, None] * by[..., k, None, :]
         return blocks.reshape(*c.shape[:-1], r * m, r * m)
 
-    return mean_problem.problem(
+    return mean_problem.problem_of_readings(
         observations,
         sensor,
         bench.acting_parameters(steps, vectors=True),

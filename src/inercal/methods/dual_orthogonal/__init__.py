@@ -154,7 +154,7 @@ def joint(
     require_matching_rows(observations, sensor, steps)
     g_squared.require_enough_positions(sensor, steps)
     estimate = least_squares(
-        dividing_head_problem.problem(observations, sensor, bench, steps, priors)
+        dividing_head_problem.head_problem(observations, sensor, bench, steps, priors)
     )
     require_observed(estimate, sensor, missing=())
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
@@ -184,7 +184,7 @@ def patent(
     estimate = four.two_stage_estimate(there, sensor, bench, steps, priors)
     estimate = _with_common_angle(estimate, observations, sensor, bench, steps)
     estimate = with_tests(
-        estimate, dividing_head_problem.problem(observations, sensor, bench, steps, priors)
+        estimate, dividing_head_problem.head_problem(observations, sensor, bench, steps, priors)
     )
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
@@ -211,7 +211,7 @@ def dual(
     g_squared.require_enough_positions(sensor, steps)
     g_squared.require_determined(sensor, bench, steps, priors)
     steady = dividing_head_problem.with_drift_covariance(observations, bench, steps)
-    requested = g_squared.problem(steady, sensor, bench, steps, priors)
+    requested = g_squared.g_squared_problem(steady, sensor, bench, steps, priors)
     estimate = g_squared.with_gravity_sensitivity(requested, least_squares(requested))
     estimate = _with_common_angle(estimate, observations, sensor, bench, steps)
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
@@ -279,7 +279,7 @@ def single(
     g_squared.require_fixture_sensor(sensor, allow_single=True)
     require_matching_rows(observations, sensor, steps)
     steady = dividing_head_problem.with_drift_covariance(observations, bench, steps)
-    requested = dividing_head_problem.problem(steady, sensor, bench, steps, priors, exact=True)
+    requested = dividing_head_problem.head_problem(steady, sensor, bench, steps, priors, exact=True)
     alone = least_squares(requested)
     _, rows = requested.linearise(requested.start)
     rows = rows.reshape(-1, *rows.shape[-2:])[0]
@@ -298,7 +298,7 @@ def single(
         sensitivities={name: -gain @ column for name, column in columns.items()},
     )
     return with_tests(
-        estimate, dividing_head_problem.problem(observations, sensor, bench, steps, priors)
+        estimate, dividing_head_problem.head_problem(observations, sensor, bench, steps, priors)
     )
 
 

@@ -121,7 +121,7 @@ def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> Square
     )
 
 
-def problem(
+def g_squared_problem(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
@@ -191,7 +191,7 @@ def problem(
 
 
 def with_gravity_sensitivity(problem: Problem, estimate: Estimate) -> Estimate:
-    """Return an estimate of `problem` with its derivative by the stated gravity.
+    """Return an estimate of `g_squared_problem` with its derivative by the stated gravity.
 
     All residuals g − ‖f̂‖ increase by dg: dc = P Jᵀ W 1 dg.
     """
@@ -248,7 +248,7 @@ def require_determined(
         sensor.channels,
     )
     try:
-        least_squares(problem(exact, sensor, bench, steps, centred_priors(priors)))
+        least_squares(g_squared_problem(exact, sensor, bench, steps, centred_priors(priors)))
     except NotObserved as error:
         raise with_prior_advice(error) from None
 

@@ -14,9 +14,9 @@ Numba seconds to compile. Miller (1983), J. Guidance 6(4), 287–291, for the tw
 # pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
-from numba import njit
 
 from inercal.basics.arrays import Array, Indices
+from inercal.estimation.kernel_options import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

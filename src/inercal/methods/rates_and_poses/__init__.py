@@ -248,7 +248,7 @@ def ml(
     unsigned = readings_without_input(sensor, bench, done)
 
     def problem(some: Observations, own: Priors) -> Problem:
-        whole = mean_problem.problem(
+        whole = mean_problem.problem_of_readings(
             some,
             sensor,
             declared,

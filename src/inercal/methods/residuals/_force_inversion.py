@@ -11,9 +11,9 @@ inverted by itself and f = D⁻¹ a with D the directions d; otherwise the three
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from inercal.basics.arrays import Array, Bools, Indices
+from inercal.estimation.kernel_options import njit
 from inercal.methods.residuals._row_operations import (
     INNER,
     add,

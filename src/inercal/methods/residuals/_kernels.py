@@ -11,9 +11,9 @@ derivatives of all trials.
 # pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
-from numba import njit
 
 from inercal.basics.arrays import Array
+from inercal.estimation.kernel_options import njit
 from inercal.estimation.problem import NormalEquations
 from inercal.methods.residuals._force_inversion import (
     Indices,

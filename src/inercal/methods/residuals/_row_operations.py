@@ -9,10 +9,8 @@ nothing; functions with it allocate nothing, and only compiled code can call the
 
 from typing import Any
 
-from numba import njit
-
 from inercal.basics.arrays import Array
-from inercal.estimation.kernel_options import INNER_OPTIONS, KERNEL_OPTIONS
+from inercal.estimation.kernel_options import INNER_OPTIONS, KERNEL_OPTIONS, njit
 
 INNER: dict[str, Any] = {**INNER_OPTIONS, "nogil": True, "fastmath": {"contract"}}
 # What other code calls.

@@ -10,9 +10,9 @@ trials share motion, coefficients and noise, as at the start of a search, AᵀA 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from inercal.basics.arrays import Array, Indices
+from inercal.estimation.kernel_options import njit
 from inercal.estimation.problem import NormalEquations
 from inercal.methods.residuals._kernels import set_normal
 from inercal.methods.residuals._row_operations import INNER, KERNEL, add, dot, fill

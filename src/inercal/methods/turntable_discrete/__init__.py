@@ -258,12 +258,14 @@ def least_squares(
     else:
         observations, ways = _rows_from_readback(observations, observations.track, steps)
         observations = _add_readback_noise(observations, sensor, bench, steps)
-    estimate = solve(problem(_with_stated_drift(observations, sensor), sensor, bench, ways, priors))
+    estimate = solve(
+        discrete_problem(_with_stated_drift(observations, sensor), sensor, bench, ways, priors)
+    )
     require_observed(estimate, sensor, missing=())
     return replace(estimate, noise_dof=observations.dof)  # of means, although there is a track
 
 
-def problem(
+def discrete_problem(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable,
@@ -286,7 +288,7 @@ def problem(
     nominal = stack_row_means(bench, row_angles)
     acting = {*nominal.df, *nominal.dw}
     known = {n: p for n, p in declared_parameters(bench).items() if n in acting}
-    whole = mean_problem.problem(
+    whole = mean_problem.problem_of_readings(
         observations,
         sensor,
         known,

@@ -116,7 +116,7 @@ def solve_trial(
         As of `trajectory`.
     """
     parts = tuple(_row_sets(sensor, bench, track, epochs))
-    requested = problem(sensor, bench, parts, priors)
+    requested = trajectory_problem(sensor, bench, parts, priors)
     estimate = solve(requested)
     # The assumed sizes of coefficients are far above them, and no rows of data; nor are lost ones.
     lost = sum(part.lost_rows for part in parts) + len(sensor.coefficients)
@@ -131,7 +131,7 @@ def solve_trial(
     return estimate
 
 
-def problem(
+def trajectory_problem(
     sensor: Sensor,
     bench: Turntable,
     parts: Sequence[RotationRows | StaticRows],
@@ -217,9 +217,9 @@ def with_mean_biases(
     Parameters
     ----------
     estimate : Estimate
-        Of `problem`.
+        Of `trajectory_problem`.
     sensor, bench, parts
-        As of `problem`.
+        As of `trajectory_problem`.
     """
     value, by = estimate.value.copy(), np.eye(len(estimate.names))
     beyond = np.zeros_like(by)

@@ -20,11 +20,10 @@ with noise of the variance −γ σ², which is how filters take account of it.
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np
-from numba import njit
 
 from inercal.basics.arrays import Array, Bools
 from inercal.estimation.kalman import predict
-from inercal.estimation.kernel_options import kernel_step
+from inercal.estimation.kernel_options import kernel_step, njit
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.small_matrices import copy_matrix, product

@@ -15,10 +15,10 @@ are allocated by the functions that call the kernels: allocations take long to c
 from math import log
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Indices
+from inercal.estimation.kernel_options import njit
 
 _BLOCK = 64  # windows at least that share a reference
 _SAME = 4.0  # a variance within this ratio of an earlier variance is unchanged
