@@ -7,6 +7,7 @@ import typer
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_quantity, si_factor
 from inercal.cli.console import print_json, report_line
 from inercal.cli.options import Force, Json, assignments
 from inercal.cli.outputs import OutputKind, check_outputs
@@ -16,9 +17,11 @@ if TYPE_CHECKING:
     from inercal.export import Export
     from inercal.export.ranges import Range
     from inercal.export.target_definition import Target
+    from inercal.physics.quantities import Measures
 
 
 OPTION_FORM = "OPTION=VALUE"
+_LEAST = 1e-3  # µg and °/h: smaller errors are those of rounding
 SET = typer.Option(
     [], "--set", metavar="OPTION=VALUE", help="An option of the target: --set acc_id=1310988."
 )
@@ -63,7 +66,9 @@ def run(
     over_force: str | None = FORCE_RANGE,
     over_rate: str | None = RATE_RANGE,
     over_temperature: str | None = TEMPERATURE_RANGE,
-    name: str | None = typer.Option(None, help="For names in code (default: the sensor's name)."),
+    name: str | None = typer.Option(
+        None, help="For names in code and of the file (default: the sensor's and the run's name)."
+    ),
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -73,7 +78,7 @@ def run(
 
     target = TARGETS.find(to)
     calibration = load(calibration_file)
-    path = out or default_path(calibration_file, target, name or calibration.sensor.name)
+    path = out or default_path(calibration_file, target, calibration.sensor.name, name or "")
     check_outputs({path: OutputKind("export")}, [calibration_file], force=force)
     made = export_calibration(
         calibration,
@@ -99,14 +104,24 @@ def run(
     print(f"wrote {path}")
 
 
-def default_path(calibration_file: Path, target: "Target", name: str) -> Path:
-    """Return the file that an export is written to: RUN.TARGET, or NAME_correct by the language."""
+def default_path(calibration_file: Path, target: "Target", sensor: str, name: str = "") -> Path:
+    """Return the file that an export is written to: RUN.TARGET, or NAME_correct by the language.
+
+    Parameters
+    ----------
+    calibration_file : Path
+    target : Target
+    sensor : str
+        Its name, which names functions unless `name` does.
+    name : str
+        Names functions and files.
+    """
     from inercal.export import identifier
 
-    stem = calibration_file.name.removesuffix(".json").removesuffix(".calibration")
     if target.named_by_function:
-        return Path(f"{identifier(name)}_correct{target.suffix}")
-    return Path(f"{stem}.{target.name}{target.suffix}")
+        return Path(f"{identifier(name or sensor)}_correct{target.suffix}")
+    stem = calibration_file.name.removesuffix(".json").removesuffix(".calibration")
+    return Path(f"{identifier(name) if name else stem}{target.file_suffix}")
 
 
 def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
@@ -163,15 +178,23 @@ def costs_object(made: "Export") -> dict[str, Any]:
 def cost_lines(made: "Export") -> list[str]:
     """Return what an export loses, in lines."""
     lines = [
-        f"not held by {made.target.name}: {one.word} ({QUANTITIES[one.measures].name}), "
-        f"{one.effect_text}"
+        f"not included by {made.target.name}: {one.word} ({QUANTITIES[one.measures].name}), "
+        + one.effect_text(_size_text(one.effect, one.measures))
         for one in made.losses
     ]
     for one in made.costs:
-        against = f", U there {one.expanded:.2g}" if one.expanded else ""
+        largest, rms, there = (
+            _size_text(size, one.measures) for size in (one.largest, one.rms, one.expanded)
+        )
         lines.append(
-            f"error in {QUANTITIES[one.measures].name} over the range: at most {one.largest:.2g} "
-            f"{QUANTITIES[one.measures].ascii_unit}, rms {one.rms:.2g}{against}"
+            f"error in {QUANTITIES[one.measures].name} over the range: maximum {largest}, rms {rms}"
+            + (f", U there {there}" if one.expanded else "")
             + (" (exceeds U)" if one.exceeds else "")
         )
     return lines
+
+
+def _size_text(size: float, measures: "Measures") -> str:
+    unit = QUANTITIES[measures].bias_unit
+    least = _LEAST * si_factor(unit)
+    return format_quantity(size, 0.0, unit, 2) if size >= least else f"less than {_LEAST:g} {unit}"

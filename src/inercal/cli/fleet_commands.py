@@ -19,6 +19,7 @@ from inercal.cli.outputs import CALIBRATION, PAGE, OutputKind, check_outputs
 if TYPE_CHECKING:
     from inercal.fleet.calibration import Counts
     from inercal.fleet.line import Line
+    from inercal.fleet.status import LineStatus
 
 FAILED = 3  # exit status: some sensors have no result
 _SERIAL = 100  # sensors below which other processes cost more than they save
@@ -114,9 +115,13 @@ def calibrate(
             "kept as they were"
         )
         if without:
-            print(f"{without} have no result; inercal fleet status says why")
+            from inercal.fleet.status import line_status
+
+            print(f"{format_count(without, 'sensor has', 'sensors have')} no result:")
+            _print_reasons(line_status(read, out))
         if "entered" in content:
-            print(f"{content['entered']} calibrations are in {content['register']}")
+            entered = format_count(content["entered"], "calibration is", "calibrations are")
+            print(f"{entered} in {content['register']}")
         print(f"wrote {folder}")
     if without:
         raise typer.Exit(FAILED)
@@ -140,12 +145,17 @@ def status(line: _Line, out: _Out = None, json: Json = False) -> None:
     for what, number in found.conformity.items():
         print(f"{number:>9}  {what} by [specification]")
     if found.outdated:
-        print(f"{len(found.outdated):>9}  results are outdated: calibrate again")
+        print(f"{len(found.outdated):>9}  outdated: calibrate again")
+    _print_reasons(found)
+    for text in outdated_lines(found.outdated):
+        print(text)
+
+
+def _print_reasons(found: "LineStatus") -> None:
+    """Print the sensors without a result, and why."""
     for reason, names in found.reasons:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         print(f"{', '.join(names[:3])}{more}: {reason}")
-    for text in outdated_lines(found.outdated):
-        print(text)
 
 
 @app.command()

@@ -21,6 +21,7 @@ from inercal.cli.options import Explain, Json
 if TYPE_CHECKING:
     from inercal.runfile import Run
 
+_WIDTH = 120  # characters; a pipe has no width of its own
 _EACH = {"position": "each position", "turn": "each turn", "dwell": "each dwell",
          "pass": "each pass", "mounting": "each mounting", "speed": "each speed"}  # fmt: skip
 _OTHER_KEYS = {"g": "gravity", **dict.fromkeys(("earth_up", "earth1", "earth2"), "latitude")}
@@ -124,7 +125,8 @@ def _show_run_file(file: Path, json: bool) -> None:
     table = make_table("run file", file.name)
     for fact in facts.items():
         table.add_row(*fact)  # whole, however many coefficients there are
-    terminal(highlight=False).print(table)
+    console = terminal(highlight=False)
+    console.print(table, width=min(console.width, _WIDTH))
     if errors:
         _print_bench_errors(errors)
 
@@ -146,13 +148,14 @@ def _run_facts(run: "Run") -> dict[str, str]:
 
 
 def _bench_errors(run: "Run") -> list[dict[str, Any]]:
-    """Return the errors of the bench that are not exactly known, SI, with their keys."""
+    """Return the errors of the bench that act and are not exactly known, SI, with their keys."""
     from inercal.benches.key_declarations import declarations
 
     key_of = dict(_OTHER_KEYS)
     for field, one in declarations(type(run.bench)).items():
         names = (field,) if isinstance(one.parameters, str) else one.parameters
         key_of |= dict.fromkeys(names, one.key or field)
+    acting = _acting_parameters(run)
     return [
         {
             "name": one.name,
@@ -164,8 +167,19 @@ def _bench_errors(run: "Run") -> list[dict[str, Any]]:
             "meaning": one.meaning,
         }
         for one in run.bench.parameters
-        if one.sd > 0
+        if one.sd > 0 and one.name in acting
     ]
+
+
+def _acting_parameters(run: "Run") -> set[str]:
+    """Return the bench's parameters that act on the method's steps; all if the data state these."""
+    every = {one.name for one in run.bench.parameters}
+    if run.kind.rows_of_table:
+        return every
+    try:
+        return {one.name for one in run.bench.nuisances(run.steps, run.sensor).values()}
+    except InputError:  # the options of [method] allow no plan
+        return every
 
 
 def _print_bench_errors(errors: Sequence[Mapping[str, Any]]) -> None:

@@ -75,12 +75,12 @@ class Loss:
     effect: float
     unknown: str = ""
 
-    @property
-    def effect_text(self) -> str:
-        """The effect in words."""
+    def effect_text(self, size: str = "") -> str:
+        """Return the effect in words; `size` is that of the effect, else it is in ASCII, SI."""
         if self.unknown:
             return f"effect unknown: {self.unknown}"
-        return f"up to {self.effect:.3g} {QUANTITIES[self.measures].ascii_unit} over the range"
+        size = size or f"{self.effect:.3g} {QUANTITIES[self.measures].ascii_unit}"
+        return f"up to {size} over the range"
 
 
 @dataclass(frozen=True, eq=False)

@@ -129,7 +129,7 @@ def _frame_text(model: ExportModel) -> str:
 
 def _loss_text(one: Loss) -> str:
     shown = ", ".join(one.names[:6]) + (" ..." if len(one.names) > 6 else "")
-    return f"NOT held: {one.word} ({shown}), {one.effect_text}"
+    return f"NOT held: {one.word} ({shown}), {one.effect_text()}"
 
 
 def _range_text(ranges: Ranges, model: ExportModel) -> str:

@@ -197,3 +197,9 @@ class Target:
     options: tuple[TargetOption, ...] = ()
     temperature_order: int = 0
     named_by_function: bool = False
+
+    @property
+    def file_suffix(self) -> str:
+        """The end of the name of a file, ".px4.params"; of target csv ".csv"."""
+        own = f".{self.name}"
+        return own if own == self.suffix else f"{own}{self.suffix}"

@@ -169,7 +169,7 @@ def export_files(
             if row["status"] != results.DONE:
                 without[row["id"]] = row["error"] or row["status"]
                 continue
-            path = _sensor_file(out, row["id"], f".{to}{target.suffix}")
+            path = _sensor_file(out, row["id"], target.file_suffix)
             if path.exists() and not force:
                 raise InputError(f"{path} exists: name another folder, or use --force", file=path)
             if row["grade"] == "unreliable":

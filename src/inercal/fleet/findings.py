@@ -13,6 +13,8 @@ from inercal.fleet.statistics import (
     RuleYield,
 )
 
+_NAMED = 8  # of each finding that are listed
+
 
 def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
     """Return what the statistics say: a summary, and what needs attention."""
@@ -33,11 +35,13 @@ def _findings(found: FleetStatistics) -> list[str]:
         texts.append(f"{outdated} outdated: calibrate the line again")
     if found.outliers:
         outliers = format_count(len(found.outliers), "outlier")
-        texts.append(f"{outliers} ({found.outliers_by_chance:g} expected by chance)")
+        named = ", ".join(one.id for one in found.outliers[:_NAMED])
+        more = f" and {len(found.outliers) - _NAMED} more" * (len(found.outliers) > _NAMED)
+        texts.append(f"{outliers} ({found.outliers_by_chance:g} expected by chance): {named}{more}")
     drifting = [one for one in found.contrasts if one.significant]
     if drifting:
         names = dict.fromkeys(f"{one.coefficient} ({one.of})" for one in drifting)
-        listed = ", ".join(list(names)[:8])
+        listed = ", ".join(list(names)[:_NAMED])
         trends = format_count(
             len(drifting),
             "significant trend or difference",
@@ -46,7 +50,9 @@ def _findings(found: FleetStatistics) -> list[str]:
         texts.append(f"{trends} of stations: {listed}")
     beyond = [one for one in found.charts if one.beyond]
     if beyond:
-        listed = ", ".join(f"{one.station or 'all stations'} ({one.beyond})" for one in beyond[:8])
+        listed = ", ".join(
+            f"{one.station or 'all stations'} ({one.beyond})" for one in beyond[:_NAMED]
+        )
         texts.append(f"χ²/ν beyond its control limits: {listed}")
     hidden = [one.name for one in found.coefficients if isnan(one.summary.truth_sd)]
     if hidden:

@@ -11,6 +11,7 @@ from math import pi
 import numpy as np
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_number
 from inercal.physics.plan import HandStep, Hold, Turn, describe_direction
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, sample_count
@@ -288,4 +289,4 @@ def check_turn_ends(
 
 
 def _vector_text(vector: np.ndarray) -> str:
-    return "(" + ", ".join(f"{x:+.3g}" for x in vector) + ")"
+    return "(" + ", ".join(f"{'+' * (x > 0)}{format_number(x, 3)}" for x in vector) + ")"
