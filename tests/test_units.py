@@ -1,6 +1,7 @@
 """What people write, what it means in SI, and how what cannot be meant is refused."""
 
 import random
+import re
 from math import inf, nan, pi, radians, sqrt
 
 import numpy as np
@@ -9,7 +10,17 @@ from numpy.testing import assert_allclose
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError
-from inercal.basics.units import Measured, format_quantity, parse_quantity, si_factor, to_si
+from inercal.basics.units import (
+    Measured,
+    format_count,
+    format_duration,
+    format_interval,
+    format_number,
+    format_quantity,
+    parse_quantity,
+    si_factor,
+    to_si,
+)
 
 G = 9.80665
 ARCSEC = pi / 648000
@@ -217,11 +228,15 @@ def test_a_column_in_celsius_becomes_kelvin():
     [
         (12.34e-6 * G, 0.41e-6 * G, "µg", "12.34 ± 0.41 µg"),
         (0.5, 5e-6, "m", "0.5000000 ± 0.0000050 m"),
-        (123456, 1234, "m", "123500 ± 1200 m"),
+        (123456, 1234, "m", "123.5 ± 1.2 km"),
+        (123456, 1234, "LSB", "123500 ± 1200 LSB"),
         (-0.001, 1, "m", "0.0 ± 1.0 m"),
         (1.0, 0.0996, "1", "1.00 ± 0.10"),
-        (1e-9, 1e-11, "m", "1.000e-9 ± 0.010e-9 m"),
-        (1.234e8, 1.3e5, "m", "1.2340e8 ± 0.0013e8 m"),
+        (1e-9, 1e-11, "m", "1.000 ± 0.010 nm"),
+        (1e-9, 1e-11, "1", "1.000e-9 ± 0.010e-9"),
+        (1.234e8, 1.3e5, "LSB", "1.2340e8 ± 0.0013e8 LSB"),
+        (0, 5e-7 / G, "g/g²", "0.00 ± 0.50 µg/g²"),
+        (radians(1e-5), radians(1e-6), "°/s", "0.0360 ± 0.0036 °/h"),
         (296.15, 0.5, "°C", "23.00 ± 0.50 °C"),
         (radians(2 / 3600), 0, "″", "2 ″"),
         (G, 0, "m/s²", "9.80665 m/s²"),
@@ -233,6 +248,54 @@ def test_readable_rounds_to_two_digits_of_the_uncertainty(
     value: float, sd: float, unit: str, text: str
 ):
     assert format_quantity(value, sd, unit) == text
+
+
+def test_a_quantity_changes_its_prefix_where_it_would_need_an_exponent():
+    for power in range(-3, 6):
+        for unit in ("µg", "ms", "g/K", "mrad"):
+            text = format_quantity(3.14159 * 10.0**power * si_factor(unit), 0, unit, 2)
+            shown = re.fullmatch(r"([\d.]+) (.*)", text)
+            assert shown, text
+            value = parse_quantity(text, like=unit).value / si_factor(unit)
+            assert value == pytest.approx(3.14159 * 10.0**power, rel=0.02)
+            assert len(shown[1].strip("0.")) <= 3
+            if shown[2][0] in "µm" and shown[2] != "m":
+                assert 0.01 <= float(shown[1]) < 100
+
+
+def test_no_number_of_common_size_has_an_exponent_and_each_keeps_its_digits():
+    rng = random.Random(6)
+    for _ in range(300):
+        value = rng.choice((-1, 1)) * 10 ** rng.uniform(-4, 6.9)
+        digits = rng.randint(1, 9)
+        text = format_number(value, digits)
+        assert "e" not in text
+        assert float(text) == float(f"{value:.{digits}g}")
+
+
+def test_the_ends_of_an_interval_differ_from_the_value_in_it():
+    rng = random.Random(7)
+    for _ in range(300):
+        value = rng.gauss(0, 1) * 10 ** rng.uniform(-6, 6)
+        low, high = value - 10 ** rng.uniform(-9, 3), value + 10 ** rng.uniform(-9, 3)
+        first, last = map(float, format_interval(value, low, high).split(" … "))
+        assert value - first == pytest.approx(value - low, rel=0.051)
+        assert last - value == pytest.approx(high - value, rel=0.051)
+    assert format_interval(1, 0, inf) == "0.0 … inf"
+
+
+@pytest.mark.parametrize("size", [(1, "s"), (60, "min"), (3600, "h"), (86400, "d")])
+def test_a_duration_is_in_the_largest_unit_of_which_it_has_two(size: tuple[float, str]):
+    seconds, unit = size
+    for number in (2, 12.3, 23.4):
+        shown, of = format_duration(number * seconds).split()
+        assert (float(shown), of) == (pytest.approx(number, rel=0.05), unit)
+
+
+def test_a_count_of_one_has_its_noun_in_the_singular():
+    counts = [format_count(count, "analysis", "analyses") for count in (0, 1, 2)]
+    assert counts == ["0 analyses", "1 analysis", "2 analyses"]
+    assert [format_count(count, "rest") for count in (0, 1, 2)] == ["0 rests", "1 rest", "2 rests"]
 
 
 def test_parse_reads_what_readable_prints():

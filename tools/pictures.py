@@ -58,7 +58,7 @@ def picture_live_page(browser: Browser, folder: Path) -> None:
                     page.goto(address[0])
                     if scheme == "light":
                         _start(page)
-                    page.get_by_text(f"step {_STEPS} of").first.wait_for()
+                    page.locator("#clock", has_text=f"step {_STEPS} of").wait_for()
                     page.wait_for_timeout(1000.0)  # the plots fill
                     page.screenshot(path=IMAGES / f"live-page{end}.png")
         finally:
@@ -68,8 +68,8 @@ def picture_live_page(browser: Browser, folder: Path) -> None:
 def _start(page: Page) -> None:
     page.get_by_label("Name").first.fill("Ada Lovelace")
     page.get_by_role("radio", name="mimu.toml").first.check()
-    page.get_by_role("button", name="Start the run").click()
-    page.get_by_role("button", name="Start: the table moves").click()
+    page.locator("#start").click()
+    page.locator("#start-yes").click()
 
 
 if __name__ == "__main__":

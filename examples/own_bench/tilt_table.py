@@ -33,7 +33,7 @@ from inercal.methods.mean_problem import joint
 from inercal.physics.motion import Motion
 from inercal.physics.section_settings import BenchSection
 from inercal.physics.sensors import Sensor
-from inercal.recordings.data import DataSection, EstimatorInput, ReadbackColumn, Source, unit_size
+from inercal.recordings.data import DataSection, EstimatorInput, ReadbackColumn, RunBase, unit_size
 from inercal.recordings.data.recording_loader import (
     load_recording,
     readback_columns,
@@ -146,7 +146,7 @@ def build(section: TiltTableSection, folder: Path) -> TiltTable:
     return build_bench(TiltTable, section)
 
 
-def read(run: Source[TiltTableData]) -> EstimatorInput:
+def read(run: RunBase[TiltTableData]) -> EstimatorInput:
     """Return the observations of a run: of a table of means, or of labelled sections."""
     path, wanted, bench = run.file(run.data.file), reader_columns(run), run.bench
     column, size = readback_columns(run)["angle"], readback_units(run)["angle"]
@@ -213,7 +213,7 @@ def simulate(
     return SensorSimulation(SimulatedMotion(time, motion, labels, drawn, {"angle": told}), sensor)
 
 
-def sheet(run: Source[TiltTableData]) -> Sheet:
+def sheet(run: RunBase[TiltTableData]) -> Sheet:
     """Return what the operator sets."""
     size = readback_units(run)["angle"]
     rows: list[SheetRow] = []

@@ -16,7 +16,7 @@ def open_page(page: Page, server: ScriptedServer, *said: messages.Message) -> Pa
     if said:
         server.says = list(said)
     page.goto(server.address)
-    expect(page.get_by_text("connected", exact=True)).to_be_visible()
+    expect(page.locator("#link[data-link=live]")).to_be_visible()
     return page
 
 
@@ -28,17 +28,17 @@ def open_running_page(page: Page, server: ScriptedServer, time: float = 100.0) -
         page, server, messages.plan(), *said, messages.samples(time - 10, time), begins,
         messages.state(time),
     )  # fmt: skip
-    expect(page.get_by_text(" gone, ")).to_be_visible()  # the last message has come
+    expect(page.locator("#clock[data-time]")).to_be_visible()  # the last message has come
     return page
 
 
 def take_control(page: Page, server: ScriptedServer, name: str = "Ada") -> Page:
     """Take control of a run, by its dialog."""
-    page.get_by_role("button", name="Take control").click()
+    page.locator("#control").click()
     page.get_by_role("dialog").get_by_label("Name").fill(name)
     page.keyboard.press("Enter")
     assert server.order("operate")["name"] == name
-    expect(page.get_by_text(f"you operate ({name})")).to_be_visible()
+    expect(page.locator("#people[data-operator=me]")).to_be_visible()
     return page
 
 
@@ -49,17 +49,21 @@ def choose_plan(page: Page, file: str = "mimu.toml") -> None:
 
 def confirm_start(page: Page) -> None:
     """Press the button that starts, and the one of the question that follows."""
-    page.get_by_role("button", name="Start the run").click()
-    page.get_by_role("button", name="Start: the table moves").click()
+    page.locator("#start").click()
+    page.locator("#start-yes").click()
 
 
-def tab_to(page: Page, name: str) -> None:
-    """Press Tab until what has the focus has a name."""
+def tab_to(page: Page, what: str) -> None:
+    """Press Tab until what has the focus has a name, or an id where that is "#id"."""
     for _ in range(80):
         page.keyboard.press("Tab")
-        if name in accessible_text_of_focus(page):
+        if what.startswith("#"):
+            found = page.evaluate("id => `#${document.activeElement.id}` === id", what)
+        else:
+            found = what in accessible_text_of_focus(page)
+        if found:
             return
-    pytest.fail(f"Tab does not lead to {name}")
+    pytest.fail(f"Tab does not lead to {what}")
 
 
 def accessible_text_of_focus(page: Page) -> str:

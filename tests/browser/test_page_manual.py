@@ -64,7 +64,7 @@ def releases(server: ScriptedServer) -> int:
 def is_quiet_after_release(page: Page, server: ScriptedServer) -> None:
     """See that after a release nothing is held any more, by what is asked for next; forget all."""
     server.order("release")
-    page.get_by_role("button", name="Halt all axes").click()
+    page.locator("#halt").click()
     server.wait_for(lambda one: one == {"do": "release", "all": True})
     kinds = [one.get("ask", {}).get("what", one["do"]) for one in server.heard]
     assert "hold" not in kinds[kinds.index("release") :]
@@ -165,7 +165,7 @@ def test_go_home_servo_and_halt_ask_for_what_is_typed(panel: Page, scripted: Scr
     assert asked(scripted, "go") == [{"what": "go", "axis": "middle", "angle": -12.5, "rate": 10}]
     axis.get_by_label("angle, °").fill("1e")
     axis.get_by_role("button", name="Go:").click()
-    expect(panel.locator("#manual-said")).to_contain_text("is a number")
+    expect(panel.locator("#manual-said")).to_contain_text("Axis middle")
     axis.get_by_role("button", name="Home").click()
     assert asked(scripted, "home") == [{"what": "home", "axis": "middle"}]
     axis.get_by_role("button", name="Servo").click()
@@ -173,7 +173,7 @@ def test_go_home_servo_and_halt_ask_for_what_is_typed(panel: Page, scripted: Scr
     assert len(asked(scripted, "go")) == 1
     scripted.tell(messages.event(2.0, "refused: Ada: axis middle: beyond", "warning"))
     expect(panel.locator("#manual-said")).to_contain_text("refused: Ada")
-    panel.get_by_role("button", name="End operation by hand").click()
+    panel.locator("#end-manual").click()
     scripted.order("abort")
 
 
@@ -194,7 +194,7 @@ def test_a_viewer_can_ask_for_nothing_but_stop(page: Page, scripted: ScriptedSer
     expect(jog(page)).to_have_attribute("aria-disabled", "true")
     jog(page).focus()
     page.keyboard.press("ArrowRight")
-    page.get_by_role("button", name="Halt all axes").click(force=True)
+    page.locator("#halt").click(force=True)
     page.get_by_role("button", name="STOP").click()
     scripted.order("stop")
     assert {one["do"] for one in scripted.heard} == {"stop"}
@@ -204,15 +204,15 @@ def test_a_session_begins_after_a_question_that_names_the_table(
     page: Page, scripted: ScriptedServer
 ):
     open_page(page, scripted)
-    start = page.get_by_role("button", name="Operate the table by hand")
+    start = page.locator("#start-manual")
     expect(start).to_have_attribute("aria-disabled", "true")
     page.get_by_label("Name", exact=True).first.fill("Ada")
     choose_plan(page)
     start.click()
-    dialog = page.get_by_role("dialog", name="Operate this table by hand?")
+    dialog = page.locator("#ask-manual")
     expect(dialog).to_contain_text("simulated bench")
     assert not any(one.get("do") == "begin manual" for one in scripted.heard)
-    dialog.get_by_role("button", name="Operate it by hand").click()
+    dialog.locator("#manual-yes").click()
     begun = scripted.order("begin manual")
     assert begun["plan"] == "mimu"
     assert begun["table"] == {"id": "simulated"}
@@ -239,9 +239,26 @@ def test_the_panel_fits_and_is_reached_by_keyboard(
     expect(page.locator("#estimates")).to_be_hidden()
 
 
+def test_the_trend_from_before_the_page_was_opened_is_shown(page: Page, scripted: ScriptedServer):
+    past = [[0.1 * k, [float(k)] * 3, [k + 0.5] * 3] for k in range(200)]
+    pieces = [{"kind": "trend", "points": past[k : k + 50]} for k in (150, 100, 50, 0)]
+    open_page(page, scripted, manual_plan(), manual_state(20.0), *pieces)
+    expect(page.locator("#manual canvas")).to_have_count(3)
+    place = page.locator(".manual-axis").nth(1)
+    over = place.locator(".u-over")
+    over.scroll_into_view_if_needed()
+    box = over.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] * 10.0 / 30, box["y"] + box["height"] / 2)
+    expect(place.locator(".at")).to_contain_text("0:10")
+    told = [float(one) for one in re.findall(r"[\d.]+", place.locator(".value-at").inner_text())]
+    assert told == pytest.approx([100.0, 100.5], abs=2)
+    assert told[1] == told[0] + 0.5
+
+
 def test_the_end_says_why(panel: Page, scripted: ScriptedServer):
     scripted.tell(messages.done(state="manual", words="axis inner: the following error is 1.2°",
                                 verdict=None, report=None, calibration=None))  # fmt: skip
-    expect(panel.get_by_role("heading", name="Operation by hand has ended")).to_be_visible()
+    expect(panel.locator("#finished[data-state=manual] #verdict")).to_be_visible()
     expect(panel.locator("#verdict-words")).to_contain_text("following error")
     expect(jog(panel)).to_have_attribute("aria-disabled", "true")

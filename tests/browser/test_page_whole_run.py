@@ -50,9 +50,9 @@ def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     expect(page.get_by_role("radio", name="plan.toml")).to_be_visible(timeout=STARTING)
     tab_to(page, "plan.toml")
     page.keyboard.press("Space")
-    tab_to(page, "Start the run")
+    tab_to(page, "#start")
     page.keyboard.press("Enter")
-    tab_to(page, "Start: the table moves")
+    tab_to(page, "#start-yes")
     page.keyboard.press("Enter")
     live = page.locator("#live")
     expect(live).to_be_visible(timeout=STARTING)
@@ -62,12 +62,12 @@ def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
 
     pressed(page, "p")
     # The event comes before the state that keys go by.
-    expect(page.get_by_role("button", name="Go on")).to_be_enabled()
+    expect(page.locator("#go-on")).to_be_enabled()
     expect(page.get_by_text("paused by the operator").first).to_be_visible()
     pressed(page, "g")
     expect(page.get_by_role("heading", name="simulated MIMU")).to_be_visible()
 
-    report = page.get_by_role("link", name="Open the report")
+    report = page.locator("#results a[href$=report]")
     expect(report).to_be_visible(timeout=RUNNING)
     last, u2 = shown(page, NAME)
     assert u2 < first / 3

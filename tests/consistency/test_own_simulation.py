@@ -7,7 +7,7 @@ import pytest
 
 from inercal.benches.hand.reading import nominal_plan
 from inercal.pipeline import simulate
-from inercal.recordings.segments import marks_from_labels, observe
+from inercal.recordings.segments import average_sections, marks_from_labels
 from inercal.runfile import read
 
 RUN = """
@@ -57,7 +57,7 @@ def test_simulated_sessions_err_as_stated(tmp_path: Path, method: str):
     path.write_text(text, encoding="utf-8")
     run = read(path)
     made = simulate(run, seed=4, trials=TRIALS)
-    observations = observe(made, run.sensor, marks_from_labels(made), nominal_plan(run))
+    observations = average_sections(made, run.sensor, marks_from_labels(made), nominal_plan(run))
     estimate = run.method.estimator("ml")(observations, run.sensor, run.bench, nominal_plan(run))
     names = run.sensor.coefficients
     p = len(names)

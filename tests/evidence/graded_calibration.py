@@ -13,6 +13,7 @@ import numpy as np
 from tests.evidence.visibility_model import Files
 
 from inercal.basics.errors import InercalError
+from inercal.calibration.additions import Addition
 from inercal.calibration.detectability import undetectable_causes
 from inercal.pipeline import Outcome, calibrate
 
@@ -52,6 +53,8 @@ class GradedCalibration:
     p_values : mapping of str to float
         Of "χ²" of the estimate and of each group of its residuals, by the group's name; of those
         that have degrees of freedom.
+    additions : tuple of Addition
+        What `also = "auto"` added.
     """
 
     grade: Grade
@@ -65,13 +68,16 @@ class GradedCalibration:
     unseen: Mapping[str, float] = field(default_factory=dict[str, float])
     errors: Mapping[str, float] = field(default_factory=dict[str, float])
     p_values: Mapping[str, float] = field(default_factory=dict[str, float])
+    additions: tuple[Addition, ...] = ()
 
     def limits_name(self, what: str) -> bool:
         """Return whether a limitation has a word, by itself or behind an axis: "a.k2"."""
         return any(re.search(rf"(?<!\w){re.escape(what)}(?!\w)", line) for line in self.limits)
 
 
-def calibrate_files(files: Files, truth: dict[str, float]) -> GradedCalibration:
+def calibrate_files(
+    files: Files, truth: dict[str, float], also: str | None = None
+) -> GradedCalibration:
     """Return what inercal makes of a run's files; `truth` are coefficients by name, SI."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in files.items():
@@ -80,7 +86,7 @@ def calibrate_files(files: Files, truth: dict[str, float]) -> GradedCalibration:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                outcome = calibrate(Path(folder) / "run.toml")
+                outcome = calibrate(Path(folder) / "run.toml", also=also)
         except InercalError as error:
             words = str(error).replace(folder, "")
             # A refusal may name the keys that are wrong: "[bench] latitude".
@@ -110,6 +116,7 @@ def calibrate_files(files: Files, truth: dict[str, float]) -> GradedCalibration:
         sizes,
         errors,
         _p_values(outcome),
+        outcome.additions,
     )
 
 

@@ -11,7 +11,7 @@ from tests.refusals import refused
 
 import inercal
 from inercal.benches import Turntable
-from inercal.benches.turntable.reading import observe
+from inercal.benches.turntable.reading.track_observation import observe
 from inercal.host import recording_writer
 from inercal.host.assembly import SampleAssembler
 from inercal.host.live_estimator import LiveEstimator

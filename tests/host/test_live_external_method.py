@@ -9,7 +9,7 @@ from tests import rest_bias_method
 from tests.host.simulated_runs import Ended, carried_out, made, plan
 
 from inercal.benches import Turntable
-from inercal.benches.turntable.reading import observe
+from inercal.benches.turntable.reading.track_observation import observe
 from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
 from inercal.host.run_execution import FinishedRun, finish_run

@@ -12,7 +12,7 @@ from tests.host.synthetic_log import LAYOUT, PATH, Bench, Faults, run_file
 from tests.refusals import refused
 
 from inercal.benches import Turntable
-from inercal.benches.turntable.reading import observe
+from inercal.benches.turntable.reading.track_observation import observe
 from inercal.host.assembly import SampleAssembler
 from inercal.host.packets import read_layout
 from inercal.host.recording_writer import require_recordable, write_recording

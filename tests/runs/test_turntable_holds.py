@@ -10,8 +10,8 @@ from tests.refusals import refused
 
 from inercal.basics.errors import InputError
 from inercal.benches import Turntable
-from inercal.benches.turntable.reading import observe
 from inercal.benches.turntable.reading.readback_angles import add_table_angles
+from inercal.benches.turntable.reading.track_observation import observe
 from inercal.pipeline import apply_data_columns, calibrate, load_recording, simulate
 from inercal.recordings import Recording, Track
 from inercal.recordings.io.write import write_recording

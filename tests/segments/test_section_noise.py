@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from inercal.physics.plan import six_positions
 from inercal.physics.sensors import Noise, Readout, Sensor, imu
 from inercal.recordings import Mark, Observations, Recording
-from inercal.recordings.segments import observe
+from inercal.recordings.segments import average_sections
 
 Array = NDArray[np.float64]
 RATE, COUNT, G = 100.0, 1000, 9.81
@@ -29,7 +29,7 @@ def seen(
 ) -> Observations:
     time = np.arange(len(values)) / RATE
     recording = Recording(time, values, sensor.channels, ("m/s²",) * 3)
-    return observe(recording, sensor, MARKS, STEPS, drifting=drifting, found=found)
+    return average_sections(recording, sensor, MARKS, STEPS, drifting=drifting, found=found)
 
 
 def sd(observations: Observations) -> Array:
@@ -145,7 +145,7 @@ def test_many_trials_have_a_variance_each_and_no_tests() -> None:
     values[1, 2 * COUNT : 3 * COUNT] += 0.12 * np.random.default_rng(6).standard_normal((COUNT, 3))
     time = np.arange(values.shape[1]) / RATE
     recording = Recording(time, values, SENSOR.channels, ("m/s²",) * 3)
-    found = observe(recording, SENSOR, MARKS, STEPS)
+    found = average_sections(recording, SENSOR, MARKS, STEPS)
     alone = seen(values[1])
     np.testing.assert_allclose(found.covariance[1], alone.covariance, rtol=1e-12)
     assert found.tests == ()

@@ -32,7 +32,8 @@ class CoefficientName(str):
     @property
     def parts(self) -> tuple[str, str]:
         """Axis and term."""
-        return self.axis, self.term
+        axis, _, term = self.rpartition(".")
+        return axis, term
 
 
 class ErrorName(str):

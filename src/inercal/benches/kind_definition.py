@@ -6,13 +6,12 @@ return data, which report and terminal draw and print.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from inercal.basics.units import Measured
+from inercal.basics.units import Measured, format_count
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
 from inercal.benches.motion_control import MotionControl
 from inercal.benches.operator_sheet import Sheet
@@ -28,7 +27,7 @@ from inercal.physics.plan import Step
 from inercal.physics.section_settings import BenchSection, key_error
 from inercal.physics.sensors import Noise, Readout, Sensor, imu, triad
 from inercal.recordings import Recording
-from inercal.recordings.data import DataSection, EstimatorInput, Source
+from inercal.recordings.data import DataSection, EstimatorInput, RunBase
 
 if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection  # the kernels load with the readers
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 B = TypeVar("B", bound=Bench)
 D = TypeVar("D", bound=DataSection)
 Output = tuple[Readout, Noise]
-Plan = Callable[[], tuple[Step, ...]]
+PlanFunction = Callable[[], tuple[Step, ...]]
 Simulate = Callable[
     [B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], SensorSimulation
 ]
@@ -105,23 +104,6 @@ def total_step_duration(bench: Any, steps: Sequence[Step]) -> float:
     return sum(step.seconds for step in steps)
 
 
-def import_when_called(module: str, function: str) -> Callable[..., Any]:
-    """Return a function of a module that is imported when the function is called.
-
-    Section detection needs compiled kernels, which plans do not use.
-
-    Parameters
-    ----------
-    module, function : str
-        Full name of the module, and the function's name in it.
-    """
-
-    def call(*arguments: Any) -> Any:
-        return getattr(import_module(module), function)(*arguments)
-
-    return call
-
-
 def simulate_without_sensor(
     perform: Callable[..., SimulatedMotion], *, in_hand: bool = False
 ) -> Simulate[Any]:
@@ -177,11 +159,16 @@ def three_axis_sensor(
         Another number of columns than three.
     """
     if len(columns) != len("xyz"):
-        raise key_error("[data] accelerometer", f"{len(columns)} columns; name three, of x, y, z")
+        raise key_error(
+            "[data] accelerometer",
+            f"{format_count(len(columns), 'column')}; name three, of x, y, z",
+        )
     return triad(name, "f", "a", *accelerometer) if gyro is None else imu(name, accelerometer, gyro)
 
 
-def keep_plan(options: Mapping[str, Any], bench: Any, folder: Path, plan: Plan) -> Plan:
+def keep_plan(
+    options: Mapping[str, Any], bench: Any, folder: Path, plan: PlanFunction
+) -> PlanFunction:
     """Return the method's plan unchanged."""
     return plan
 
@@ -191,7 +178,7 @@ def keep_recording(recording: Recording, sensor: Sensor, bench: Any) -> Recordin
     return recording
 
 
-def no_files(run: Source[Any], done: SimulatedMotion, rng: np.random.Generator) -> dict[str, Any]:
+def no_files(run: RunBase[Any], done: SimulatedMotion, rng: np.random.Generator) -> dict[str, Any]:
     """Return no further files."""
     return {}
 
@@ -201,7 +188,7 @@ def no_plots(shown: ReportInput) -> tuple[Plot, ...]:
     return ()
 
 
-def no_tables(run: Source[Any], shown: ReportInput) -> dict[str, Columns]:
+def no_tables(run: RunBase[Any], shown: ReportInput) -> dict[str, Columns]:
     """Return no tables."""
     return {}
 
@@ -274,7 +261,7 @@ class Kind(Generic[B, D]):
     data: type[D]
     build: Callable[[Any, Path], B]
     steps: tuple[type, ...]
-    observe: Callable[[Source[D]], EstimatorInput]
+    observe: Callable[[RunBase[D]], EstimatorInput]
     simulate: Simulate[B]
     seconds: Callable[[B, Sequence[Any]], float] = total_step_duration
     words: Vocabulary = Vocabulary()
@@ -286,15 +273,15 @@ class Kind(Generic[B, D]):
     sensor: Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor] = (
         three_axis_sensor
     )
-    plan: Callable[[Mapping[str, Any], B, Path, Plan], Plan] = keep_plan
+    plan: Callable[[Mapping[str, Any], B, Path, PlanFunction], PlanFunction] = keep_plan
     audit: Callable[[Recording, Sensor, B], Recording] = keep_recording
-    files: Callable[[Source[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (
+    files: Callable[[RunBase[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (
         no_files
     )
-    sheet: Callable[[Source[D]], Sheet] | None = None
-    rests: "Callable[[Source[D], Recording], RestDetection] | None" = None
+    sheet: Callable[[RunBase[D]], Sheet] | None = None
+    rests: "Callable[[RunBase[D], Recording], RestDetection] | None" = None
     directions: Callable[[ReportInput], tuple[MeasuredDirection, ...]] = specific_force_directions
     plots: Callable[[ReportInput], tuple[Plot, ...]] = no_plots
     row: Callable[[Step, ReportInput, int], str] = describe_row
-    tables: Callable[[Source[D], ReportInput], Mapping[str, Columns]] = no_tables
+    tables: Callable[[RunBase[D], ReportInput], Mapping[str, Columns]] = no_tables
     motion_control: MotionControl | None = None

@@ -1,14 +1,11 @@
 """Kinds of benches by name."""
 
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from inercal.basics.errors import InputError
 from inercal.basics.registry import Registry
 from inercal.benches.contract import Bench
 from inercal.benches.kind_definition import Kind
-from inercal.benches.motion_control import MotionControl
-from inercal.physics.section_settings import key_error
 
 KINDS: Registry[Kind[Any, Any]] = Registry(
     "inercal.benches",
@@ -57,33 +54,3 @@ def kind_for_bench(bench: Bench) -> Kind[Any, Any]:
         No kind has its class.
     """
     return kind_for_class(type(bench))
-
-
-class RunOnBench(Protocol):
-    """A run of a run file, as far as its kind of bench goes."""
-
-    @property
-    def path(self) -> Path:
-        """The run file."""
-        ...
-
-    @property
-    def kind(self) -> Kind[Any, Any]:
-        """The kind of its bench."""
-        ...
-
-
-def require_motion_control(run: RunOnBench) -> MotionControl:
-    """Return what a host asks of the bench of a run.
-
-    Raises
-    ------
-    InputError
-        A bench that no host drives.
-    """
-    if run.kind.motion_control is None:
-        able = " or ".join(
-            f'"{name}"' for name, kind in KINDS.items() if kind.motion_control is not None
-        )
-        raise key_error("[bench] kind", f"must be {able} here", run.path)
-    return run.kind.motion_control

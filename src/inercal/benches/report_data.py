@@ -3,10 +3,11 @@
 A bench returns numbers and words; the report draws and prints them.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import acos, nan
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,61 +24,48 @@ if TYPE_CHECKING:  # what is estimated loads after the run file is checked
 Columns = Mapping[str, Sequence[str] | Sequence[float] | Sequence[int]]
 
 
-class CalibratedSensor(Protocol):
-    """What a bench's report reads of a calibration."""
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ReportInput(ABC):
+    """The part of an outcome that its bench reports; `inercal.pipeline.Outcome` adds the rest.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With the bench's nuisances and the residuals.
+    observations : Observations
+    steps : tuple of Step
+        Of each observation.
+    bench : Bench
+    expected : mapping of str to Parameter
+        The bench's parameters that act on these steps, by full name, as they were stated.
+    recording : Recording or None
+        None when the data are a table of means.
+    marks : tuple of Mark
+        Of the recording.
+    """
+
+    estimate: "Estimate"
+    observations: Observations
+    steps: tuple[Step, ...]
+    bench: Any
+    expected: Mapping[str, Parameter]
+    recording: Recording | None
+    marks: tuple[Mark, ...]
 
     @property
+    @abstractmethod
     def sensor(self) -> Sensor:
         """The sensor with its estimated coefficients."""
-        ...
 
-
-class ReportInput(Protocol):
-    """The calibration that a bench reports; the outcome of the pipeline has this type."""
-
-    @property
-    def calibration(self) -> CalibratedSensor:
-        """The result."""
-        ...
-
-    @property
-    def estimate(self) -> "Estimate":
-        """With the bench's nuisances and the residuals."""
-        ...
-
-    @property
-    def observations(self) -> Observations:
-        """One row a step."""
-        ...
-
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """Of each row."""
-        ...
-
-    @property
-    def bench(self) -> Any:
-        """Of the kind that reports."""
-        ...
-
-    @property
-    def recording(self) -> Recording | None:
-        """None of means."""
-        ...
-
-    @property
-    def marks(self) -> tuple[Mark, ...]:
-        """Of the recording."""
-        ...
-
-    @property
-    def expected(self) -> Mapping[str, Parameter]:
-        """The bench's parameters as they were stated, by full name."""
-        ...
-
+    @abstractmethod
     def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return the motion that the calibration computes from the means."""
-        ...
+        """Return the motion that the calibrated sensor measured, at the temperatures of the means.
+
+        Parameters
+        ----------
+        w : (r, 3) array, optional
+            Angular rate where the sensor has no gyros, rad/s.
+        """
 
 
 @dataclass(frozen=True, eq=False)

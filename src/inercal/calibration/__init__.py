@@ -8,7 +8,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import si_factor
+from inercal.basics.units import format_count, si_factor
 from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.forms import (
     ConvertedCoefficients,
@@ -116,7 +116,7 @@ class Calibration:
 
         verdict = "" if self.verdict is None else f", {self.verdict.word}"
         count = len(self.sensor.coefficients)
-        return f"<Calibration of {title(self)}, {count} coefficients{verdict}>"
+        return f"<Calibration of {title(self)}, {format_count(count, 'coefficient')}{verdict}>"
 
     def _repr_html_(self) -> str:
         from inercal.calibration.display import to_html

@@ -54,22 +54,22 @@ class PlainAdvisor:
         return advice
 
 
-def also(words: Sequence[str]) -> Change:
-    """Return the key that lets a method estimate more coefficients."""
-    return Change("method", "also", tuple(words))
+def also(words: str | Sequence[str]) -> Change:
+    """Return the key that lets a method estimate more coefficients: words, or "auto"."""
+    return Change("method", "also", words if isinstance(words, str) else tuple(words))
 
 
 def action_on(cause: SuspectedCause, row_word: str) -> str:
     """Return what to do at the bench about a cause that no key counts."""
     if cause.kind == "coefficient":
-        return "this calibration cannot estimate it; its shift is not in U"
+        return "use a method that estimates this coefficient; U does not include its effect"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.kind == "row":
-        return f"look at this {row_word}, and repeat it"
+        return f"look at the readings of {cause.name}, and repeat this {row_word}"
     if cause.name.startswith(CHANGE_PREFIX):
         return f"check whether the sensor was touched; repeat this {row_word} or remove it"
-    return "let the sensor settle, or repeat the first positions at the end"
+    return "let the sensor settle before the run, or repeat the first positions at the end"
 
 
 def changes_text(changes: Sequence[Change]) -> str:

@@ -99,9 +99,11 @@ class OutlierRow:
     indistinguishable: tuple[str, ...]
 
 
-def familywise_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
-    """Return the p-value of a score among all tests of its estimate."""
-    return min(1.0, score_tests.adjusted(score) / SCORE_TEST_SHARE)
+def familywise_p_value(
+    score_tests: ScoreTestSet, score: ScoreTest, p_value: float | None = None
+) -> float:
+    """Return the p-value of a score among all tests of its estimate; `p_value` as of `adjusted`."""
+    return min(1.0, score_tests.adjusted(score, p_value) / SCORE_TEST_SHARE)
 
 
 def find_best_cause(

@@ -161,4 +161,4 @@ def load_check_standard(path: Path) -> CheckStandard:
 
 def is_doubtful(verdict: Verdict | None) -> bool:
     """Whether the check standard of a calibration makes it doubtful."""
-    return verdict is not None and f"a check warns: {CHECK_STANDARD}" in verdict.reasons
+    return verdict is not None and CHECK_STANDARD in verdict.warned

@@ -26,6 +26,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from inercal.basics.run_file_advice import Advice
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import (
     OutlierRow,
     SuspectedCause,
@@ -33,12 +35,16 @@ from inercal.calibration.best_cause import (
     find_best_cause,
     find_outlier_row,
 )
+from inercal.calibration.explanation import Section, fit
 from inercal.estimation import Estimate
 from inercal.estimation.scores import (
     SCORE_TEST_SHARE,
     SIGNIFICANCE_LEVEL,
+    CandidateKind,
     chi2_tail_probability,
 )
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding, RoundedChannel
 
 Grade = Literal["consistent", "reservations", "unreliable"]
@@ -51,6 +57,13 @@ GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "
 _MAX_SCATTER = 2.0  # times the stated scatter
 _MAX_SHIFT = 1.0  # U
 _SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within a quarter of it
+_MOST_REASON = 75  # characters of the message of a check that is a reason
+_SHIFTED_BY: dict[CandidateKind, str] = {
+    "coefficient": "an effect that is not estimated",
+    "bench": "a deviation of the bench",
+    "time": "a change during the run",
+    "row": "wrong readings",
+}
 
 
 @dataclass(frozen=True)
@@ -124,9 +137,12 @@ class Verdict:
     ----------
     grade : "consistent", "reservations" or "unreliable"
     reasons : tuple of str
-        The reasons against "consistent", in few words each.
+        The reasons against "consistent", in few words each, the main one first.
     lines : tuple of str
-        The complete verdict in words; the first line is the summary.
+        At most six lines of at most 100 characters, except texts to paste: grade and main reason;
+        cause; what to do next; largest uncertainties; how many effects are not detectable.
+    explanation : tuple of Section
+        All that was found, sorted under headings.
     tests : tuple of HypothesisTest
     suspect : SuspectedCause or None
         The single cause that explains the residuals; None where there is no such cause.
@@ -141,11 +157,16 @@ class Verdict:
         Noise that was stated too large or too small.
     rounding : tuple of RoundedChannel
         Channels whose steps limit what rests show.
+    additions : tuple of Addition
+        Coefficients that `also = "auto"` added, in order.
+    warned : tuple of str
+        The kinds of findings that warn or refuse (`Finding.what`).
     """
 
     grade: Grade
     reasons: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
+    explanation: tuple[Section, ...] = ()
     tests: tuple[HypothesisTest, ...] = ()
     suspect: SuspectedCause | None = None
     best: SuspectedCause | None = None
@@ -153,6 +174,13 @@ class Verdict:
     scatter: float = 1.0
     noise: tuple[NoiseFactor, ...] = ()
     rounding: tuple[RoundedChannel, ...] = ()
+    additions: tuple[Addition, ...] = ()
+    warned: tuple[str, ...] = ()
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """All lines of the explanation, without headings."""
+        return tuple(line for section in self.explanation for line in section.lines)
 
     @property
     def word(self) -> str:
@@ -165,8 +193,8 @@ class Verdict:
         return GRADE_TONES[self.grade]
 
     def __str__(self) -> str:
-        """Return the word, and a line for each statement."""
-        return "\n· ".join(("\n".join((self.word, *self.lines[:1])), *self.lines[1:]))
+        """Return the lines."""
+        return "\n".join(self.lines)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.lines)
@@ -221,64 +249,85 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
 
 def grade_estimate(
     estimate: Estimate,
+    sensor: Sensor,
     assessment: Assessment,
     findings: Sequence[Finding],
     far: Sequence[str],
-    lines: tuple[str, ...],
-    advice: Sequence[Advice] = (),
 ) -> Verdict:
-    """Return the verdict by the rule of this module.
+    """Return the verdict by the rule of this module, without its words.
 
     Parameters
     ----------
     estimate : Estimate
         Without a trial axis.
+    sensor : Sensor
     assessment : Assessment
     findings : sequence of Finding
         Findings of all checks.
     far : sequence of str
-        Coefficients whose scale factor is far from nominal (`is_far_from_nominal`).
-    lines : tuple of str
-        The verdict in words.
-    advice : sequence of Advice
+        A sentence on each scale factor that is far from nominal (`is_far_from_nominal`).
     """
     best, suspect = assessment.best, assessment.suspect
     largest_birge_ratio = float(estimate.largest_birge_ratio)
     bad: list[str] = []
     if not np.all(estimate.converged):
         bad.append("the fit did not converge")
-    bad += [f"{name} is far from nominal" for name in far]
-    refused = dict.fromkeys(one.what for one in findings if one.severity == "refused")
-    bad += [f"a check refused: {what}" for what in refused]
+    bad += [*far, *_finding_reasons(findings, "refused")]
     if assessment.rejects and largest_birge_ratio > _MAX_SCATTER:
-        bad.append(f"the residuals scatter {largest_birge_ratio:.2g} times as much as stated")
+        times = two_digits(largest_birge_ratio)
+        bad.append(f"the residuals are {times} times as large as noise and bench allow")
     if best is not None and best.shift > _MAX_SHIFT:
-        named = best.name if suspect is not None else "the best of the causes tested"
-        bad.append(f"{named} shifts {best.shifted_coefficient} by {best.shift:.2g} U")
-    mild = [f"test rejects the model: {test.name}" for test in assessment.rejecting_tests]
+        shifted = coefficient_words(sensor, best.shifted_coefficient)
+        bad.append(f"{_SHIFTED_BY[best.kind]} shifts the {shifted} by {two_digits(best.shift)} U")
+    mild = [_test_reason(test.name) for test in assessment.rejecting_tests]
     if assessment.scores_reject and suspect is None:
-        mild.append("score tests reject the model")
+        mild.append("no single cause explains the residuals")
     elif suspect is not None:
-        mild.append(f"suspect: {suspect.name}")
-    warned = dict.fromkeys(one.what for one in findings if one.severity == "warning")
-    mild += [f"a check warns: {what}" for what in warned]
+        named = f"wrong readings in {suspect.name}" if suspect.kind == "row" else suspect.name
+        if suspect.kind == "coefficient":
+            named = coefficient_words(sensor, suspect.name, suspect.components)
+        mild.append(f"the residuals point to {named}")
+    mild += _finding_reasons(findings, "warning")
     if not assessment.tests and not estimate.score_tests.scores:
-        mild.append("nothing was tested")
+        mild.append("this estimator makes no test of how well the data agree")
     grade: Grade = "unreliable" if bad else "reservations" if mild else "consistent"
     noise = tuple(
         NoiseFactor(one.what, one.channel, one.factor) for one in findings if one.factor is not None
     )
+    warned = dict.fromkeys(one.what for one in findings if one.severity != "note")
     return Verdict(
         grade,
-        (*bad, *mild),
-        lines,
-        assessment.tests,
-        suspect,
-        assessment.best,
-        tuple(advice),
-        largest_birge_ratio,
-        noise,
+        tuple(dict.fromkeys((*bad, *mild))),
+        tests=assessment.tests,
+        suspect=suspect,
+        best=assessment.best,
+        scatter=largest_birge_ratio,
+        noise=noise,
+        warned=tuple(warned),
     )
+
+
+def _test_reason(name: str) -> str:
+    """Return what it means that a test rejects the model."""
+    residuals, _, group = name.partition(": ")
+    if residuals != "residuals":
+        return f"the test “{name}” rejects the model"
+    return f"the residuals of the {group} are too large" if group else "the residuals are too large"
+
+
+def _finding_reasons(findings: Sequence[Finding], severity: str) -> Iterator[str]:
+    """Yield a reason for each kind of findings of a severity: the message of the first."""
+    kinds: dict[str, list[str]] = {}
+    for one in findings:
+        if one.severity == severity:
+            kinds.setdefault(one.what, []).append(one.message)
+    for first, *others in kinds.values():
+        yield fit(first, _MOST_REASON) + (f" (and {len(others)} more)" if others else "")
+
+
+def two_digits(size: float) -> str:
+    """Return a size with two significant digits and without a power of ten."""
+    return format_value_and_uncertainty(0.0, size)[1]
 
 
 def is_far_from_nominal(scale: float) -> bool:

@@ -1,22 +1,26 @@
-"""The suspect of a verdict in plain words: what explains the residuals best, its size, a remedy."""
+"""The cause of large residuals in plain words: what explains them best, and its size."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from inercal.basics.keys import ErrorName
 from inercal.basics.parameters import Parameter
-from inercal.basics.run_file_advice import Advice
-from inercal.basics.units import format_quantity, format_value_and_uncertainty
-from inercal.calibration.advising import CHANGE_PREFIX, changes_text
+from inercal.basics.units import format_quantity, format_value_and_uncertainty, si_factor
+from inercal.calibration.advising import CHANGE_PREFIX
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
-from inercal.estimation.scores import CandidateKind
+from inercal.calibration.explanation import first_fit
+from inercal.calibration.grade import Assessment, two_digits
+from inercal.estimation.scores import CandidateKind, ScoreTestSet
 from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_words import coefficient_words
 
 _MIN_PROBABILITY = 1e-99  # smallest printed probability
 _DISPLAY_UNITS = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
 _PERCENT_THRESHOLD = 0.01  # above, a ratio is shown in %
 _MAX_LISTED = 6  # candidates that a line lists
+_SMALL_CHI2 = 100.0  # below, a decimal is shown
 _PRIOR_PREFIX = "prior of "  # and the coefficient
 
 
@@ -25,106 +29,152 @@ def p_value_text(p: float) -> str:
     return f"= {p:.1g}" if p > _MIN_PROBABILITY else f"< {_MIN_PROBABILITY:.0e}"
 
 
-def suspect_lines(
-    one: SuspectedCause,
+def chi2_text(chi2: float) -> str:
+    """Return χ² with as many digits as matter: "27.8", "567", "4 884"."""
+    return f"{chi2:.1f}" if chi2 < _SMALL_CHI2 else f"{chi2:,.0f}".replace(",", " ")
+
+
+def cause_words(
+    name: str,
+    kind: CandidateKind,
+    components: Sequence[str],
     sensor: Sensor,
     expected: Mapping[str, Parameter],
-    given: Advice,
-) -> list[str]:
-    """Return lines on the candidate that explains the residuals best: its size and a remedy."""
-    fall = f"χ² would fall by {one.chi2:.1f} to {one.remaining_chi2:.1f}"
-    shift = (
-        f"it shifts {one.shifted_coefficient} by {one.shift:.2g} U"
-        if one.shift > 0
-        else "it shifts nothing"
-    )
-    if one.kind == "coefficient":
-        lines = _coefficient_suspect_text(one, sensor)
-    elif one.kind == "bench":
-        lines = _bench_suspect_text(one, sensor, expected)
-    elif one.kind == "row":
-        lines = f"suspect: the readings of {one.name}"
-    else:
-        parts = ", ".join(
-            _format_quantity(size, sd, unit)
-            for size, sd, unit in zip(one.sizes, one.sds, one.units, strict=True)
-        )
-        within = one.name.startswith(CHANGE_PREFIX)
-        how = "from its first half to its second" if within else "from the first row to the last"
-        lines = f"suspect: {one.name}, {parts}" + (f" {how}" if not one.changes else "")
-    text = (
-        f"{lines}; {fall} (p {p_value_text(one.adjusted)} among all candidates), and {shift}; "
-        f"{advice_text(one.kind, given)}"
-    )
-    result = [text]
-    if one.indistinguishable:
-        listed = ", ".join(one.indistinguishable[:_MAX_LISTED])
-        more = len(one.indistinguishable) - _MAX_LISTED
-        listed += f" and {more} more" if more > 0 else ""
-        result.append(f"these data cannot distinguish {one.name} from: {listed}")
-    return result
-
-
-def advice_text(kind: CandidateKind, given: Advice) -> str:
-    """Return advice on a cause in words."""
-    if not given.changes:
-        return given.action
-    verb = "measure it again, or state" if kind == "bench" else "estimate it:"
-    return f"{verb} {changes_text(given.changes)}"
-
-
-def best_cause_lines(one: SuspectedCause) -> list[str]:
-    """Return lines on the best of the causes tested, where it does not explain the residuals."""
-    return [
-        "no single cause explains the residuals: something changes that the model does not "
-        "contain, several things are wrong, or the noise is larger than stated",
-        f"the best of the causes tested is {one.name}: χ² would drop by {one.chi2:.1f}, but "
-        f"{one.remaining_chi2:.1f} with {one.remaining_dof} degrees of freedom would remain "
-        f"unexplained, p {p_value_text(one.remaining_p_value)}",
-    ]
-
-
-def _bench_suspect_text(
-    one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> str:
-    """Return the text on a suspected statement of the run file."""
-    # The most significant component of a vector, such as the angles of a mounting.
-    k = int(np.argmax(np.nan_to_num(np.abs(one.sizes) / np.asarray(one.sds))))
-    name, size, sd = one.components[k], one.sizes[k], one.sds[k]
-    if name.startswith(_PRIOR_PREFIX):
+    """Return a candidate in words, with its key in brackets where it has one."""
+    if kind == "coefficient":
+        return coefficient_words(sensor, name, components)
+    if kind == "bench" and name.startswith(_PRIOR_PREFIX):
         full = name.removeprefix(_PRIOR_PREFIX)
-        departure = format_component(sensor, "coefficient", full, size, sd, one.units[k])
-        return f"suspect: the {name}; the data depart from it by {departure}"
-    stated, of_rows = expected.get(name), ""
-    if stated is None:  # a common error of all rows, in place of an error of each row
-        rows = [one for full, one in expected.items() if full.startswith(f"{name}[")]
-        stated, of_rows = rows[0] if rows else None, f", equal in all {len(rows)} rows"
-        of_rows = of_rows if rows else ""
-    meaning = "" if stated is None or not stated.meaning else f" ({stated.meaning})"
-    known = "as exact" if stated is None or not stated.sd else ""
-    known = known or f"± {_format_quantity(stated.sd if stated else 0.0, 0.0, one.units[k])}"
-    return (
-        f"suspect: bench parameter {name}{meaning}{of_rows}; it departs by "
-        f"{_format_quantity(size, sd, one.units[k])} from its stated value, which is stated "
-        f"{known}"
+        return f"the prior of the {coefficient_words(sensor, full, _without_prior(components))}"
+    if kind == "bench":
+        return bench_words(name, components, expected)
+    return f"wrong readings in {name}" if kind == "row" else name
+
+
+def bench_words(name: str, components: Sequence[str], expected: Mapping[str, Parameter]) -> str:
+    """Return a parameter of the bench, or several, in words: "radius of the arm (radius)"."""
+    meanings = dict.fromkeys(
+        one.meaning
+        for full, one in expected.items()
+        if full in components or ErrorName(full).name in components
     )
+    meaning = next(iter(meanings), "")
+    return f"{meaning} ({name})" if meaning and meaning != name else f"bench parameter {name}"
 
 
-def _coefficient_suspect_text(one: SuspectedCause, sensor: Sensor) -> str:
-    """Return the suspected coefficients with their sizes, in the units of reports."""
-    lines = {
-        line.name: line
-        for line in (coefficient_definition(sensor, name) for name in one.components)
-    }
-    first = next(iter(lines.values()))
-    meaning = first.meaning if len(lines) == 1 else ", ".join(lines)
-    parts = [
-        f"{name} {format_component(sensor, one.kind, name, size, sd, unit)}"
-        for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
-        if np.isfinite(size)
+def _without_prior(components: Sequence[str]) -> list[str]:
+    return [one.removeprefix(_PRIOR_PREFIX) for one in components]
+
+
+def size_words(one: SuspectedCause, sensor: Sensor) -> str:
+    """Return the size of a cause, of several components the largest; empty where none is known."""
+    sizes = np.abs(one.sizes)
+    if one.kind == "row" or not np.isfinite(sizes).any():
+        return ""
+    k = int(np.nanargmax(sizes))
+    full = one.components[k].removeprefix(_PRIOR_PREFIX)
+    kind = "coefficient" if one.components[k].startswith(_PRIOR_PREFIX) else one.kind
+    size = format_component(sensor, kind, full, one.sizes[k], one.sds[k], one.units[k])
+    return size if len(sizes) == 1 else f"up to {_without_deviation(size)}"
+
+
+def _without_deviation(size: str) -> str:
+    value, _, deviation = size.removeprefix("-").partition(" ± ")
+    return f"{value} {deviation.partition(' ')[2]}" if deviation else value
+
+
+def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Parameter]) -> str:
+    """Return the most likely cause with its size in a short line; empty where none is known."""
+    one = assessment.best
+    if one is None:
+        return ""
+    words = cause_words(one.name, one.kind, one.components, sensor, expected)
+    size = f", {text}" if (text := size_words(one, sensor)) else ""
+    if assessment.suspect is not None:
+        return first_fit(*(f"Most likely cause: {words}{text}." for text in (size, "")))
+    drop = f"; χ² {_chi2_drop(one)}"
+    return first_fit(*(f"Partial cause: {words}{text}." for text in (size + drop, drop, size, "")))
+
+
+def alternatives(
+    one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> list[str]:
+    """Return in words the causes that explain the same residuals as a suspect does."""
+    found = {score.name: score for score in scores.scores}
+    return [
+        cause_words(name, found[name].kind, found[name].components, sensor, expected)
+        for name in one.indistinguishable
     ]
-    sizes = f", about {', '.join(parts)} (k = 1)" if parts else ""
-    return f"suspect: {one.name} ({meaning}), which is not estimated{sizes}"
+
+
+def suspect_lines(
+    one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> list[str]:
+    """Return lines on the candidate that explains the residuals best, and its size."""
+    words = cause_words(one.name, one.kind, one.components, sensor, expected)
+    first = f"{words[0].upper()}{words[1:]}"
+    how = ""
+    if one.kind == "time" and not one.changes:
+        within = one.name.startswith(CHANGE_PREFIX)
+        how = " from its first half to its second" if within else " from the first row to the last"
+    parts = [
+        f"{name}: {format_component(sensor, one.kind, name, size, sd, unit)}{how}"
+        for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
+        if np.isfinite(size) and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)
+    ]
+    lines = [
+        f"{first} would explain the residuals (p {p_value_text(one.adjusted)} among all causes)."
+    ]
+    if one.kind == "bench":
+        lines.append(_stated_text(one, expected))
+    if one.name.startswith(_PRIOR_PREFIX):
+        lines.append(f"The data depart from it by {size_words(one, sensor)}.")
+    if parts:
+        lines.append(f"Its size (k = 1) would be {'; '.join(parts)}.")
+    lines.append(f"χ² would drop {_chi2_drop(one)}.")
+    if one.shift > 0:
+        shifted = coefficient_words(sensor, one.shifted_coefficient)
+        lines.append(f"Leaving it out shifts the {shifted} by {two_digits(one.shift)} U.")
+    else:
+        lines.append("Leaving it out shifts no coefficient.")
+    if alike := alternatives(one, scores, sensor, expected):
+        more = f" and {len(alike) - _MAX_LISTED} more" if len(alike) > _MAX_LISTED else ""
+        listed = "; ".join(alike[:_MAX_LISTED])
+        lines.append(f"The data cannot distinguish it from {listed}{more}.")
+    return lines
+
+
+def best_cause_lines(
+    one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> list[str]:
+    """Return lines on the best of the causes tested, where it does not explain the residuals."""
+    words = cause_words(one.name, one.kind, one.components, sensor, expected)
+    return [
+        "No single cause explains the residuals: something changes that the model does not "
+        "contain, several things are wrong, or the noise is larger than stated.",
+        f"The best of the tested causes is {words}: χ² would drop {_chi2_drop(one)} with "
+        f"{one.remaining_dof} degrees of freedom, which is still too large "
+        f"(p {p_value_text(one.remaining_p_value)}).",
+    ]
+
+
+def _chi2_drop(one: SuspectedCause) -> str:
+    """Return χ² of the residuals without and with the cause: "from 4 884 to 567"."""
+    before = one.chi2 + one.remaining_chi2
+    return f"from {chi2_text(before)} to {chi2_text(one.remaining_chi2)}"
+
+
+def _stated_text(one: SuspectedCause, expected: Mapping[str, Parameter]) -> str:
+    """Return how the suspected parameter was stated."""
+    stated, of_rows = expected.get(one.components[0]), ""
+    if stated is None:  # a common error of all rows, in place of an error of each row
+        rows = [q for full, q in expected.items() if full.startswith(f"{one.components[0]}[")]
+        if rows:
+            stated, of_rows = rows[0], f"; it would be equal in all {len(rows)} rows"
+    if stated is None or not stated.sd:
+        return f"It is stated as exact{of_rows}."
+    return f"It is stated as ± {_format_quantity(stated.sd, 0.0, one.units[0])}{of_rows}."
 
 
 def format_component(
@@ -156,6 +206,6 @@ def _format_quantity(value: float, sd: float, unit: str) -> str:
     unit = _DISPLAY_UNITS.get(unit, unit)
     if unit == "ppm" and abs(value) > _PERCENT_THRESHOLD:
         unit = "%"
-    if unit.startswith("("):
-        return f"{value:.2g} {unit}" if sd == 0 else f"{value:.2g} ± {sd:.2g} {unit}"
+    if sd == 0:
+        return f"{'-' * (value < 0)}{two_digits(abs(value) / si_factor(unit))} {unit}"
     return format_quantity(value, sd, unit)

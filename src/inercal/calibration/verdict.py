@@ -1,50 +1,107 @@
-"""The verdict in plain words, computed from the numbers; `grade` has its rule."""
+"""The verdict in plain words, computed from the numbers; `grade` has its rule.
 
-from collections.abc import Collection, Mapping, Sequence
+Its lines are few and short; all that was found is in its explanation.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
-from inercal.basics.keys import CoefficientName, ErrorName
+from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice
-from inercal.basics.units import format_value_and_uncertainty
+from inercal.calibration import explanation
 from inercal.calibration.advising import CHANGE_PREFIX, Advisor, PlainAdvisor, changes_text
-from inercal.calibration.best_cause import SuspectedCause
+from inercal.calibration.agreement_text import (
+    agreement,
+    agreement_lines,
+    cause_lines,
+    no_cause,
+)
 from inercal.calibration.detectability import (
     UndetectableCause,
     coefficient_definition,
     undetectable_causes,
     undetectable_exact_parameters,
 )
+from inercal.calibration.explanation import Section, first_fit, fit, fit_list
 from inercal.calibration.grade import (
     Assessment,
     Verdict,
     assess,
     grade_estimate,
     is_far_from_nominal,
+    two_digits,
 )
-from inercal.calibration.suspect_text import (
-    best_cause_lines,
-    p_value_text,
-    suspect_lines,
-)
+from inercal.calibration.suspect_text import alternatives, bench_words, cause_line
 from inercal.estimation import Estimate
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
+from inercal.physics.sensors.coefficient_words import axis_words, coefficient_words
 from inercal.recordings import Finding, merge_messages
 
-UNDETECTED_START = "these data cannot show the following, and U does not hold it"
-UNDETECTED_END = "): "
-"""Around the sizes' explanation in the line on causes that the data cannot show."""
-
 _DRIFT_PREFIX = "drift of "  # and the axis
-_MIN_PULL = 2.0  # standard deviations; smaller residuals are not reported
 _UNIT_RATIO_TOLERANCE = 0.1  # relative distance within which a scale factor is a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
-LARGEST_UNCERTAINTIES = "expanded uncertainties (k = 2) are at most: "  # begins a line
+UNSEEN = "unseen"
+"""`Finding.what` of an effect that a method cannot detect."""
+_NO_CAUSE = (
+    "No single cause explains this: the noise is larger than stated, or several things are wrong."
+)
+_REMEDIES = (
+    "check ",
+    "compare ",
+    "correct ",
+    "give ",
+    "let ",
+    "look ",
+    "measure ",
+    "name ",
+    "remove ",
+    "repeat ",
+    "set ",
+    "state ",
+    "take ",
+    "use ",
+    "wait ",
+)  # begin the last clause of a finding that says what to do
+_GROUP_WORDS = {
+    "scale": "scale factor",
+    "cross": "cross-axis",
+    "g": "g-sensitivity",
+    "g2": "g²-sensitivity",
+    "arm": "lever arm",
+}
+
+
+class _Step(NamedTuple):
+    """Something to do: a sentence, and the advice as data, if there is any.
+
+    Only what is `needed` is a line of a verdict: its lack lowers the grade.
+    """
+
+    text: str
+    advice: Advice | None = None
+    needed: bool = True
+
+    @property
+    def has_keys(self) -> bool:
+        """Whether there is something to paste into a run file."""
+        return self.advice is not None and bool(self.advice.changes)
+
+
+class _Uncertainty(NamedTuple):
+    """The largest expanded uncertainty of a group of coefficients in one unit."""
+
+    kind: str
+    group: str
+    size: str
+    unit: str
 
 
 def verdict(
@@ -55,8 +112,9 @@ def verdict(
     possible: Collection[str] = (),
     row_word: str = "position or turn",
     advisor: Advisor | None = None,
+    added: str = "",
 ) -> Verdict:
-    """Return the verdict; its first line is the summary.
+    """Return the verdict, with its lines and its explanation.
 
     Parameters
     ----------
@@ -72,288 +130,244 @@ def verdict(
         Word for a row of the data: "position or turn".
     advisor : Advisor, optional
         What gives advice that can be followed.
+    added : str, optional
+        A sentence on what the run added to its model by itself; it becomes the second line.
     """
     advisor = advisor or PlainAdvisor(possible, row_word)
-    advice: list[Advice] = []
-    p = len(sensor.coefficients)
-    assessment = assess(estimate, p, possible)
-    scales = {
-        name: 1 + float(value)
-        for name, value in zip(sensor.coefficients, estimate.value[:p], strict=True)
-        if CoefficientName(name).term in ("k1", "scale") and is_far_from_nominal(1 + float(value))
-    }
-    wrong = bool(scales) or any(one.severity == "refused" for one in findings)
-    lines = _summary(estimate, assessment, p, wrong)
-    if assessment.suspect is not None:
-        advice.append(advisor.on_cause(assessment.suspect))
-        lines += suspect_lines(assessment.suspect, sensor, expected, advice[-1])
-    elif assessment.best is not None:
-        lines += best_cause_lines(assessment.best)
-    elif assessment.scores_reject or (
-        any(score.dof for score in estimate.score_tests.scores)
-        and any(one.name.startswith("residuals") for one in assessment.rejecting_tests)
-    ):
-        lines.append(
-            "no single cause explains the residuals: the noise is larger than stated, or something "
-            "changes from row to row"
-        )
-    lines += _outlier_row_lines(assessment, row_word)
-    if not (estimate.consistent or estimate.groups):
-        lines += _largest_pull_lines(estimate, expected)
-    if estimate.dof or estimate.groups:
-        lines += _largest_uncertainty_lines(estimate, sensor)
-    lines += [
-        f"{name} is {scale:.3g} times nominal: {_scale_error_cause(name, scale)}"
-        for name, scale in scales.items()
-    ]
-    unseen, unseen_advice = _undetectable_lines(
-        estimate, sensor, expected, possible, row_word, assessment.suspect, advisor
-    )
-    lines += unseen
-    advice += unseen_advice
-    lines += merge_messages(estimate.notes)
-    given = {word for one in advice for word in one.coefficients}
-    for finding in findings:
-        words = Advice(finding.what, finding.changes).coefficients
-        if set(words) - given and (
-            tried := advisor.on_changes(Advice(finding.what, finding.changes))
-        ):
-            advice.append(tried)
-            lines.append(f"to estimate it: {changes_text(tried.changes)}")
-    told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
-    lines += merge_messages(told)
-    lines = list(dict.fromkeys(lines))
-    return grade_estimate(estimate, assessment, findings, tuple(scales), tuple(lines), advice)
-
-
-def _scale_error_cause(name: str, scale: float) -> str:
-    """Return the probable cause of a scale factor this far from nominal."""
-    if scale < 0:
-        return "the axis is reversed"
-    if name.endswith(".k1"):
-        for ratio, words in (
-            (G0, "m/s² stated as g"),
-            (1 / G0, "g stated as m/s²"),
-        ):
-            if abs(scale / ratio - 1) < _UNIT_RATIO_TOLERANCE:
-                return f"its column looks like {words}"
-    return "its nominal scale or one of its readings is wrong"
-
-
-def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool) -> list[str]:
-    """Return lines on the agreement of the residuals; `wrong`: a check found an error besides."""
-    first = f"{count} coefficients estimated"
-    if estimate.groups:
-        lines = _group_summary(estimate, assessment, first, wrong)
-    elif not estimate.dof:
-        tested = assessment.tests or estimate.score_tests.scores
-        agree = "do not agree" if assessment.rejects else "agree"
-        what = "the residuals" if wrong else "the data"
-        lines = [
-            f"{first}; {what} {agree} with the stated noise and bench by the tests that were made"
-            if tested
-            else f"{first}; this estimator makes no test of how well the data agree"
-        ]
-    else:
-        p = float(estimate.p_value)
-        numbers = f"χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, " + (
-            f"p = {p:.2f}" if p >= SIGNIFICANCE_LEVEL else f"p {p_value_text(p)}"
-        )
-        if estimate.consistent:
-            whole = "the residuals agree" if assessment.rejects or wrong else "the data agree"
-            tail = ", but further tests reject the model" if assessment.rejects else ""
-            lines = [f"{first}; {whole} with the stated noise and bench ({numbers}){tail}"]
-        else:
-            large = (
-                ", but the residuals are larger than noise and bench allow"
-                if assessment.rejects
-                else f"; the residuals are large, which chance explains in {100 * p:.1g} % of runs"
+    assessment = assess(estimate, len(sensor.coefficients), possible)
+    far = dict(_scale_errors(estimate, sensor))
+    graded = grade_estimate(estimate, sensor, assessment, findings, tuple(far))
+    unseen = _undetectable(estimate, sensor, assessment)
+    exact = undetectable_exact_parameters(estimate, sensor, expected)
+    steps = [
+        *_steps_on_cause(assessment, advisor, tuple(far), row_word),
+        *_steps_on_undetectable(unseen, sensor, advisor, possible),
+        *(
+            _Step(
+                f"State in the run file the uncertainty of {bench_words(name, (name,), expected)}, "
+                "which is taken as exact.",
+                Advice(name, action="state its uncertainty"),
+                needed=False,
             )
-            by = f"all uncertainties are scaled by {float(estimate.birge):.2f}"
-            lines = [f"{first}{large} ({numbers}): {by}"]
-    lines += [
-        f"{test.name}: χ² = {test.statistic:.1f} with {test.dof} degrees of freedom, p "
-        f"{p_value_text(test.p_value)} ({p_value_text(test.adjusted).removeprefix('= ')} among "
-        f"{len(assessment.tests)} tests): the model is rejected"
-        for test in assessment.rejecting_tests
-        if not test.name.startswith("residuals")
+            for name in exact
+        ),
     ]
-    return lines
-
-
-def _group_summary(
-    estimate: Estimate, assessment: Assessment, first: str, wrong: bool
-) -> list[str]:
-    """Return lines on the agreement of each kind of observations with its noise."""
-    numbers = "; ".join(
-        f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {p_value_text(group.p_value)}"
-        for group in estimate.groups
+    steps += _steps_on_findings(findings, advisor, steps)
+    advice = tuple(one.advice for one in steps if one.advice is not None)
+    steps.sort(key=lambda one: (not one.needed, not one.has_keys))
+    undetectable = (
+        *(_undetectable_text(one, sensor, row_word) for one in unseen),
+        *(one.message for one in findings if one.what == UNSEEN),
+        *(f"error of {bench_words(name, (name,), expected)}" for name in exact),
     )
-    beyond = [group for group in estimate.groups if group.spread.excess]
-    within = [group for group in estimate.groups if group.spread.share < 1]
-    lines: list[str] = []
-    if within:
-        shares = ", ".join(f"{group.spread.share:.2g} for {group.name}" for group in within)
-        lines.append(
-            "some observations agree better than the scatter within rests predicts, as for a "
-            f"sensor in a trembling hand; the share of the variance that counts is {shares}"
-        )
-    if not beyond:
-        tested = all(group.dof > 0 for group in estimate.groups)
-        what = "the residuals agree" if wrong else "the data agree"
-        agree = f"{what} with their noise" if tested else "what can be tested agrees"
-        return [f"{first}; {agree} ({numbers})", *lines]
-    added = ", ".join(f"{group.spread.excess:.2g} {group.unit} of {group.name}" for group in beyond)
-    # Excess is added beyond 95 %, a test rejects beyond 99 %: between them the verdict agrees.
-    large = (
-        ", but the residuals are larger than their noise"
-        if assessment.rejects
-        else "; the residuals are large, which chance explains"
+    largest = _largest_uncertainties(estimate, sensor)
+    wrong = bool(far) or any(one.severity == "refused" for one in findings)
+    told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
+    scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
+    sections = {
+        explanation.AGREEMENT: (
+            *agreement_lines(estimate, assessment, len(sensor.coefficients), wrong=wrong),
+            *((added,) if added else ()),
+        ),
+        explanation.CAUSE: (
+            *cause_lines(estimate, assessment, sensor, expected, row_word),
+            *scales,
+        ),
+        explanation.NEXT_STEPS: tuple(one.text for one in steps),
+        explanation.UNCERTAINTIES: tuple(
+            f"{one.kind} {one.group}: {one.size} {one.unit}" for one in largest
+        ),
+        explanation.UNDETECTABLE: undetectable,
+        explanation.REMARKS: merge_messages(estimate.notes),
+        explanation.CHECKS: merge_messages(told),
+    }
+    why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
+    cause = next(iter(far.values()), "")
+    word = _sentence(graded.word)
+    lines = (
+        first_fit(f"{word}: {why}.", f"{word}: {why.partition(' (')[0]}."),
+        fit(added),
+        fit(f"Most likely cause: {cause}.")
+        if cause
+        else cause_line(assessment, sensor, expected)
+        or _NO_CAUSE * no_cause(estimate, assessment),
+        "" if added or assessment.suspect is None else _alternatives_line(
+            alternatives(assessment.suspect, estimate.score_tests, sensor, expected)
+        ),
+        "" if graded.grade == "consistent" else _next_line(steps),
+        _uncertainty_line(largest),
+        _count_line(len(undetectable)),
+    )  # fmt: skip
+    return replace(
+        graded,
+        lines=tuple(filter(None, lines)),
+        explanation=tuple(
+            Section(heading, tuple(dict.fromkeys(text)))
+            for heading, text in sections.items()
+            if text
+        ),
+        advice=advice,
     )
-    return [
-        f"{first}{large} ({numbers}): a scatter of {added} is added to it, and so to all "
-        "uncertainties",
-        *lines,
-    ]
 
 
-def _undetectable_lines(
-    estimate: Estimate,
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str]]:
+    """Yield a sentence on each scale factor that is far from nominal, and the probable cause."""
+    for name, value in zip(sensor.coefficients, estimate.value.tolist(), strict=False):
+        axis, term = CoefficientName(name).parts
+        scale = 1 + value
+        if term not in ("k1", "scale") or not is_far_from_nominal(scale):
+            continue
+        cause = "its nominal scale factor or one of its readings is wrong"
+        if scale < 0:
+            cause = "the axis is reversed"
+        elif term == "k1":
+            for ratio, words in ((G0, "m/s² stated as g"), (1 / G0, "g stated as m/s²")):
+                if abs(scale / ratio - 1) < _UNIT_RATIO_TOLERANCE:
+                    cause = f"its column looks like {words}"
+        times = f"{'−' * (scale < 0)}{two_digits(abs(scale))}"
+        yield f"the scale factor of {axis_words(sensor, axis)} is {times} times nominal", cause
+
+
+def _steps_on_cause(
+    assessment: Assessment, advisor: Advisor, far: Sequence[str], row_word: str
+) -> Iterator[_Step]:
+    """Yield what to do about the cause of large residuals."""
+    if far:
+        yield _Step("Check sign, unit and nominal scale of this axis in [sensor] and [data].")
+    row, suspect = assessment.row, assessment.suspect
+    if suspect is not None:
+        advice = advisor.on_cause(suspect)
+        again = "measure it again, or " if suspect.kind == "bench" else ""
+        text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action
+        yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
+    elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
+        yield _Step(f"Look at the readings of {row.name}, and repeat this {row_word}.")
+    for test in assessment.rejecting_tests:
+        if test.name.startswith(CHANGE_PREFIX):
+            where = test.name.removeprefix(CHANGE_PREFIX)
+            yield _Step(f"Check whether the sensor was touched {where}, and repeat it.")
+
+
+def _steps_on_undetectable(
+    unseen: Sequence[UndetectableCause],
     sensor: Sensor,
-    expected: Mapping[str, Parameter],
-    possible: Collection[str],
-    row_word: str,
-    suspect: SuspectedCause | None,
     advisor: Advisor,
-) -> tuple[list[str], list[Advice]]:
-    """Return a line on omitted causes that no test of these data can detect: U does not hold them.
+    possible: Collection[str],
+) -> Iterator[_Step]:
+    """Yield how to estimate those coefficients of which no test shows anything."""
+    free = [one.name for one in unseen if one.component in possible]
+    if free and (advice := advisor.on_coefficients(free)):
+        text = f"To estimate more of the effects that are not detectable, {_changes_words(advice)}"
+        yield _Step(text, advice, needed=False)
 
-    Also returns advice on those that the method can estimate.
 
-    The suspect is excluded: a test has detected it.
-    """
-    own = (suspect.name, *suspect.components) if suspect is not None else ()
-    short = {CoefficientName(name).term for name in own}
-    found = [
+def _steps_on_findings(
+    findings: Sequence[Finding], advisor: Advisor, steps: Sequence[_Step]
+) -> Iterator[_Step]:
+    """Yield the changes that take findings away, where they add other coefficients."""
+    given = {word for one in steps if one.advice for word in one.advice.coefficients}
+    for finding in findings:
+        advice = Advice(finding.what, finding.changes)
+        if set(advice.coefficients) - given and (tried := advisor.on_changes(advice)):
+            yield _Step(_sentence(_changes_words(tried)), tried)
+        elif finding.severity != "note":
+            remedy = finding.message.rpartition("; ")[2]
+            if remedy.startswith(_REMEDIES):
+                yield _Step(f"{_sentence(remedy)}.")
+
+
+def _changes_words(advice: Advice) -> str:
+    return f"set in the run file: {changes_text(advice.changes)}"
+
+
+def _next_line(steps: Sequence[_Step]) -> str:
+    """Return the first thing that must be done; keys to paste are whole."""
+    if not (steps and steps[0].needed):
+        return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
+    text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
+    return text if steps[0].has_keys else fit(text)
+
+
+def _alternatives_line(others: Sequence[str]) -> str:
+    """Return the causes that cannot be told from the most likely one; empty without any."""
+    if not others:
+        return ""
+    few = "1 other cause explains" if len(others) == 1 else f"{len(others)} other causes explain"
+    return first_fit(
+        f"The data cannot distinguish it from {' or '.join(others)}.",
+        f"{few} the data equally well. {explanation.EXPLAIN}",
+    )
+
+
+def _undetectable(
+    estimate: Estimate, sensor: Sensor, assessment: Assessment
+) -> list[UndetectableCause]:
+    """Return the causes that no test can detect; the suspect is none, for a test detected it."""
+    suspect = assessment.suspect
+    own = () if suspect is None else (suspect.name, *suspect.components)
+    shown = {CoefficientName(name).term for name in own}
+    return [
         one
         for one in undetectable_causes(estimate, sensor)
-        if CoefficientName(one.name).term not in short
+        if CoefficientName(one.name).term not in shown
     ]
-    parts = [
-        f"wrong readings of one {row_word}" if one.name == "row" else one.name for one in found
-    ]
-    for k, one in enumerate(found):
-        if np.isfinite(one.size):
-            parts[k] += f" ({_undetected_size_text(sensor, one)})"
-    texts: list[str] = []
-    advice: list[Advice] = []
-    if parts:
-        free = [one.name for one in found if one.component in possible]
-        tail = ""
-        if free and (given := advisor.on_coefficients(free)):
-            advice.append(given)
-            tail = f"; the method can estimate {given.reason}: {changes_text(given.changes)}"
-        texts.append(
-            f"{UNDETECTED_START} (in brackets the size that shifts a coefficient by "
-            f"5 u{UNDETECTED_END}{', '.join(parts)}{tail}"
-        )
-    if exact := undetectable_exact_parameters(estimate, sensor, expected):
-        texts.append(
-            f"these data cannot show an error of {', '.join(exact)}, which the run file takes as "
-            "exact: state its uncertainty"
-        )
-        advice += [Advice(name, action="state its uncertainty") for name in exact]
-    return (["; ".join(texts)] if texts else []), advice
 
 
-def _undetected_size_text(sensor: Sensor, one: UndetectableCause) -> str:
-    """Return a size with two digits, in the unit of reports."""
+def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) -> str:
+    """Return an effect in words, with its size of two digits in the unit of reports."""
+    if one.name == "row":
+        return f"wrong readings of one {row_word}"
     if one.component.startswith((_DRIFT_PREFIX, CHANGE_PREFIX)):
         # "drift of ax", or "change of ax within r10".
         axis = one.component.removeprefix(CHANGE_PREFIX).removeprefix(_DRIFT_PREFIX)
         axis = axis.removeprefix("of ").partition(" ")[0]
-        line = coefficient_definition(sensor, f"{axis}.{QUANTITIES[_measures(sensor, axis)].bias}")
+        measures = next(each.measures for each in sensor.axes if each.name == axis)
+        words, name = one.name, f"{axis}.{QUANTITIES[measures].bias}"
     else:
-        line = coefficient_definition(sensor, one.component)
-    return f"{format_value_and_uncertainty(0.0, one.size / line.si)[1]} {line.unit}"
+        words, name = coefficient_words(sensor, one.name, (one.component,)), one.component
+    if not np.isfinite(one.size):
+        return words
+    line = coefficient_definition(sensor, name)
+    return f"{words}: {two_digits(one.size / line.si)} {line.unit}"
 
 
-def _measures(sensor: Sensor, name: str) -> str:
-    return next(axis.measures for axis in sensor.axes if axis.name == name)
-
-
-def _outlier_row_lines(assessment: Assessment, row_word: str) -> list[str]:
-    """Return a line on the row that agrees least with the others, where this is significant."""
-    row, suspect = assessment.row, assessment.suspect
-    if (
-        row is None
-        or row.adjusted >= SIGNIFICANCE_LEVEL
-        or (suspect is not None and suspect.kind == "row")
-    ):
+def _largest_uncertainties(estimate: Estimate, sensor: Sensor) -> list[_Uncertainty]:
+    """Return the largest uncertainty of each group and unit; none where nothing was tested."""
+    if not (estimate.dof or estimate.groups):
         return []
-    alike = (
-        f" (or {', '.join(row.indistinguishable)}: these data cannot distinguish them)"
-        if row.indistinguishable
-        else ""
-    )
-    return [
-        f"the {row_word} that agrees least with the others is {row.name}{alike}: χ² of its "
-        f"readings is {row.chi2:.1f} with {row.dof}, p {p_value_text(row.adjusted)} over all rows"
-    ]
-
-
-def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
-    """Return lines on the largest residual and the bench parameter farthest from its statement."""
-    lines: list[str] = []
-    if estimate.observations:
-        worst = int(np.argmax(np.abs(estimate.whitened)))
-        if (largest := abs(float(estimate.whitened[worst]))) > _MIN_PULL:
-            lines.append(
-                f"the largest residual is {estimate.observations[worst]}, "
-                f"{format_value_and_uncertainty(0.0, largest)[1]} standard deviations"
-            )
-    # What the coefficients take up, or what would be implausibly large, is no explanation.
-    useless = {
-        name
-        for score in estimate.score_tests.scores
-        if score.kind == "bench"
-        and (not score.dof or score.is_implausible or score.contradicts_statement)
-        for name in score.components
-    }
-    pulls = {
-        name: abs(float(value - expected[name].value)) / expected[name].sd
-        for name, value in zip(estimate.names, estimate.value, strict=True)
-        if name in expected and expected[name].sd > 0 and name not in useless
-    }
-    name = max(pulls, key=lambda one: pulls[one], default="")
-    if name and pulls[name] > _MIN_PULL:
-        short, place = ErrorName(name).parts
-        named = f"{short} of {place}" if place else short
-        size = format_value_and_uncertainty(0.0, pulls[name])[1]
-        lines.append(
-            f"of the bench, {named} is farthest from its stated value, {size} standard deviations"
-        )
-    return lines
-
-
-def _largest_uncertainty_lines(estimate: Estimate, sensor: Sensor) -> list[str]:
-    """Return a line with the largest uncertainty of each group and unit."""
-    p = len(sensor.coefficients)
     measures = {axis.name: axis.measures for axis in sensor.axes}
-    groups: dict[tuple[str, str], list[int]] = {}
-    for k, name in enumerate(sensor.coefficients):
-        kind = "accelerometer" if measures[CoefficientName(name).axis] == "f" else "gyro"
+    groups: dict[tuple[str, str, str], tuple[float, _Uncertainty]] = {}
+    for name, std in zip(sensor.coefficients, estimate.std.tolist(), strict=False):
+        kind = QUANTITIES[measures[CoefficientName(name).axis]].sensor
         line = sensor.coefficient(name)
         group = line.group.partition("_")[0]  # all of temperature together
-        groups.setdefault((f"{kind} {group}", line.unit), []).append(k)
-    std = estimate.std[:p]
-    parts: list[str] = []
-    for (group, _), members in groups.items():
-        worst = max(members, key=lambda k: float(std[k]))
-        line = sensor.coefficient(sensor.coefficients[worst])
-        size = format_value_and_uncertainty(0.0, COVERAGE * float(std[worst]) / line.si)[1]
-        parts.append(f"{group} {size} {line.unit}")
-    return [LARGEST_UNCERTAINTIES + ", ".join(parts)]
+        key = (kind, group, line.unit)
+        if key not in groups or std > groups[key][0]:
+            size = two_digits(COVERAGE * std / line.si)
+            word = _GROUP_WORDS.get(group, group)
+            groups[key] = std, _Uncertainty(kind, word, size, line.unit)
+    return [one for _, one in groups.values()]
+
+
+def _uncertainty_line(largest: Sequence[_Uncertainty]) -> str:
+    """Return the largest uncertainties of both kinds of sensors in one line."""
+    groups: dict[str, list[str]] = {}
+    for one in largest:
+        groups.setdefault(one.group, []).append(f"{one.size} {one.unit}")
+    parts = [f"{group} {', '.join(sizes)}" for group, sizes in groups.items()]
+    return fit_list("Largest U (k = 2): ", parts, separator="; ") if parts else ""
+
+
+def _count_line(count: int) -> str:
+    """Return how many effects are not detectable; empty where there are none."""
+    if not count:
+        return ""
+    effects = f"{count} effects are" if count > 1 else "1 effect is"
+    return f"{effects} not detectable from these data and not included in U. {explanation.EXPLAIN}"
 
 
 __all__ = ["NO_PARAMETERS", "verdict"]

@@ -8,10 +8,15 @@ from pydantic import Field
 from inercal.basics.documents import Count, Measured, Positive, Record, record_object
 from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
+from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause
+from inercal.calibration.explanation import NOTES, UNCERTAINTIES, Section, fit
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
 from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel
+
+# How a reason, and a note, begin in files that state neither what warned nor an explanation.
+_WARNS, _LARGEST = "a check warns: ", "expanded uncertainties (k = 2) are at most: "
 
 
 class _Test(Record):
@@ -79,12 +84,29 @@ class _RoundedChannel(Record):
     std: Positive
 
 
+class _Addition(Record):
+    group: str
+    coefficients: list[str]
+    chi2_before: Positive
+    dof_before: Count
+    chi2_after: Positive
+    dof_after: Count
+    indistinguishable: list[str]
+
+
+class _Section(Record):
+    heading: str
+    lines: list[str]
+
+
 class VerdictRecord(Record):
     """The verdict of a calibration file; those of earlier versions lack fields with a default."""
 
     grade: str
     word: str = ""
     reasons: list[str]
+    lines: list[str] = Field(default_factory=list[str])
+    explanation: list[_Section] = Field(default_factory=list[_Section])
     tests: list[_Test]
     suspect: _Cause | None
     best_cause: _Cause | None = None
@@ -92,6 +114,8 @@ class VerdictRecord(Record):
     scatter: Measured = nan
     noise: list[_NoiseFactor] = Field(default_factory=list[_NoiseFactor])
     rounding: list[_RoundedChannel] | None = None
+    additions: list[_Addition] = Field(default_factory=list[_Addition])
+    warned: list[str] | None = None
 
 
 def verdict_object(verdict: Verdict) -> dict[str, Any]:
@@ -100,6 +124,8 @@ def verdict_object(verdict: Verdict) -> dict[str, Any]:
         "grade": verdict.grade,
         "word": verdict.word,
         "reasons": verdict.reasons,
+        "lines": verdict.lines,
+        "explanation": [one._asdict() for one in verdict.explanation],
         "tests": [
             {
                 "name": test.name,
@@ -115,9 +141,12 @@ def verdict_object(verdict: Verdict) -> dict[str, Any]:
         "advice": verdict.advice,
         "scatter": verdict.scatter,
         "noise": verdict.noise,
+        "warned": verdict.warned,
     }
     if verdict.rounding:
         content["rounding"] = verdict.rounding
+    if verdict.additions:
+        content["additions"] = verdict.additions
     return record_object(content)
 
 
@@ -144,17 +173,28 @@ def _cause_object(one: SuspectedCause | None) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def recorded_verdict(record: VerdictRecord, lines: tuple[str, ...]) -> Verdict:
-    """Return the verdict of a calibration file; `lines` are its notes."""
+def recorded_verdict(record: VerdictRecord, notes: tuple[str, ...]) -> Verdict:
+    """Return the verdict of a calibration file; its notes explain it in files without headings."""
     if record.grade not in GRADE_WORDS:
         raise InputError(f"verdict {record.grade!r} is not one of {', '.join(GRADE_WORDS)}")
     suspect = _recorded_cause(record.suspect)
     # Files of earlier versions state no best cause.
     states_best = "best_cause" in record.model_fields_set
+    word = GRADE_WORDS[record.grade].capitalize()
+    lines = record.lines or [fit(": ".join((word, *record.reasons[:1])))]
+    sections = [Section(one.heading, tuple(one.lines)) for one in record.explanation]
+    if not sections:
+        largest = tuple(one for one in notes if one.startswith(_LARGEST))
+        others = tuple(one for one in notes if one not in largest)
+        sections = [Section(UNCERTAINTIES, largest), Section(NOTES, others)]
+    warned = record.warned
+    if warned is None:
+        warned = [one.removeprefix(_WARNS) for one in record.reasons if one.startswith(_WARNS)]
     return Verdict(
         record.grade,
         tuple(record.reasons),
-        lines,
+        tuple(lines),
+        tuple(one for one in sections if one.lines),
         tuple(
             HypothesisTest(t.name, t.chi2, t.dof, t.p_value, t.p_among_all) for t in record.tests
         ),
@@ -167,6 +207,19 @@ def recorded_verdict(record: VerdictRecord, lines: tuple[str, ...]) -> Verdict:
         record.scatter,
         tuple(NoiseFactor(**vars(one)) for one in record.noise),
         tuple(RoundedChannel(**vars(one)) for one in record.rounding or ()),
+        tuple(
+            Addition(
+                one.group,
+                tuple(one.coefficients),
+                one.chi2_before,
+                one.dof_before,
+                one.chi2_after,
+                one.dof_after,
+                tuple(one.indistinguishable),
+            )
+            for one in record.additions
+        ),
+        tuple(warned),
     )
 
 

@@ -16,11 +16,12 @@ from inercal.cli.console import (
     open_register,
     print_coefficients,
     print_json,
+    print_verdict,
     print_written_files,
     progress_status,
     report_line,
 )
-from inercal.cli.options import Json, positive_number, run_options
+from inercal.cli.options import Explain, Json, positive_number, run_options
 
 if TYPE_CHECKING:
     from inercal.host.journal import Journal
@@ -79,6 +80,7 @@ def run(
     register: _Register = None,
     operator: _Operator = "",
     answers: _Answers = None,
+    explain: Explain = False,
     json: Json = False,
 ) -> None:
     """Carry out the plan of a run file, and calibrate from its recording."""
@@ -98,7 +100,7 @@ def run(
         for words in warnings:
             journal.record_event("warning", words)
             report_line(words)
-        _complete_run(result, journal, options, json, kept, operator, answers)
+        _complete_run(result, journal, options, kept, operator, answers, explain=explain, json=json)
 
 
 @app.command()
@@ -113,6 +115,7 @@ def resume(
     register: _Register = None,
     operator: _Operator = "",
     answers: _Answers = None,
+    explain: Explain = False,
     json: Json = False,
 ) -> None:
     """Continue a run that was interrupted; the interrupted step is repeated from its start."""
@@ -123,17 +126,19 @@ def resume(
     result, journal = reopen_run(folder, (table, imu, clock))
     with journal:
         _require_operator(result.run, answers, simulated=bool(journal.header().addresses[2]))
-        _complete_run(result, journal, options, json, kept, operator, answers)
+        _complete_run(result, journal, options, kept, operator, answers, explain=explain, json=json)
 
 
 def _complete_run(
     folder: "RunFolder",
     journal: "Journal",
     options: "RunOptions",
-    json: bool,
     register: "Register | None",
     operator: str,
     answers: Path | None,
+    *,
+    explain: bool,
+    json: bool,
 ) -> None:
     """Carry out the remaining steps of a run, finish it, and enter it in a register, if any."""
     from inercal.calibration.files import calibration_object
@@ -156,6 +161,7 @@ def _complete_run(
         print_json(calibration_object(outcome.calibration) | files)
     else:
         print_coefficients(outcome, folder.run.truth)
+        print_verdict(outcome.verdict, explain=explain)
         print_written_files(files.values())
     exit_with_verdict(outcome)
 

@@ -14,11 +14,12 @@ from inercal.cli.console import (
     open_register,
     print_coefficients,
     print_json,
+    print_verdict,
     print_written_files,
     progress_status,
     report_line,
 )
-from inercal.cli.options import Json, Strict
+from inercal.cli.options import Explain, Json, Strict
 from inercal.cli.outputs import CALIBRATION, PAGE, check_outputs, require_same_run, table_kind
 
 
@@ -34,6 +35,10 @@ def run(
     register: str | None = typer.Option(
         None, help="Register to enter the calibration in: an address, or default."
     ),
+    auto: bool = typer.Option(
+        False, "--auto", help='Add the coefficients that the tests ask for: [method] also = "auto".'
+    ),
+    explain: Explain = False,
     strict: Strict = False,
     json: Json = False,
 ) -> None:
@@ -67,7 +72,9 @@ def run(
     ):
         with draw_refusal(plan, refused):
             outcome = calibrate(
-                plan, lambda generation: update(f"{doing}: {generation_text(generation)}")
+                plan,
+                lambda generation: update(f"{doing}: {generation_text(generation)}"),
+                also="auto" if auto else None,
             )
         tables = plan.kind.tables(plan, outcome)
         files |= {what: out / f"{run_file.stem}.{what}.csv" for what in tables}
@@ -101,6 +108,7 @@ def run(
         )
     else:
         print_coefficients(outcome, plan.truth)
+        print_verdict(outcome.verdict, explain=explain)
         print_written_files(files.values())
     if missing is not None:
         report_line(f"no report: {missing}")

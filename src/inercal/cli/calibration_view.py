@@ -20,11 +20,10 @@ from inercal.physics.sensors import SI_UNITS
 
 
 def print_calibration_table(calibration: Calibration) -> None:
-    """Print the coefficients with U (k = 2), and the notes."""
+    """Print the coefficients with U (k = 2), and what their limits say of them."""
     heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit")
     rows = (line[:5] for line in coefficient_lines(calibration))
     print_table(heads, rows, section=axis_of)
-    print_lines(calibration.notes, "· ")
     print_lines(conformity_lines(calibration))
 
 

@@ -1,5 +1,6 @@
 """`inercal compile`: all kernels, once, into the installation."""
 
+from inercal.basics.units import format_count
 from inercal.cli.console import print_json, progress_status
 from inercal.cli.options import Json
 
@@ -19,6 +20,6 @@ def run(json: Json = False) -> None:
     if json:
         print_json({"folder": place, "kernels": count, "not_compiled": list(failed)})
         return
-    print(f"{count} kernels are compiled, in {place}")
+    print(f"{format_count(count, 'kernel is', 'kernels are')} compiled, in {place}")
     for line in failed:
         print(f"not compiled: {line}")

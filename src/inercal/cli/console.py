@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
+    from inercal.calibration.grade import Verdict
     from inercal.laboratory.store import Register
     from inercal.methods.ship_multi_angle.norm_equations import Generation
     from inercal.pipeline import Outcome
@@ -206,12 +207,18 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     error = (">error / u",) if truth else ()
     heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit", *error)
     print_table(heads, rows, title=title(calibration), section=axis_of)
-    summary, *others = outcome.verdict.lines
-    print_line(outcome.verdict.word.capitalize(), f"bold {_COLOURS[outcome.verdict.tone]}")
-    # Whole: of a verdict no other output has the lines.
-    print_line(summary, "bold", whole=True)
-    print_lines(others, "· ", whole=True)
     print_lines(conformity_lines(calibration), whole=True)
+
+
+def print_verdict(verdict: "Verdict", *, explain: bool = False) -> None:
+    """Print the lines of a verdict, and with `explain` all that explains them, under headings."""
+    first, *others = verdict.lines
+    print_line(first, f"bold {_COLOURS[verdict.tone]}")
+    print_lines(others, whole=True)
+    for heading, lines in verdict.explanation if explain else ():
+        print_line(f"\n{heading}", "bold")
+        # Whole: no other output has them.
+        print_lines(lines, "· ", whole=True)
 
 
 def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from inercal.basics.units import format_count
 from inercal.cli.console import print_line, print_lines, print_table
 from inercal.laboratory.check_standard import ControlCharts
 from inercal.laboratory.check_standard.bench_chart_texts import (
@@ -25,7 +26,7 @@ def print_charts(found: ControlCharts) -> None:
     """Print the newest days with their statistics, and what the charts say."""
     days, limits, values = len(found.points), found.limits, found.values
     print_line(
-        f"{found.matched.sensor.name}: {len(found.sessions)} sessions of "
+        f"{found.matched.sensor.name}: {format_count(len(found.sessions), 'session')} of "
         f"{found.reference_days + days} days; the reference is the first {found.reference_days}, "
         f"until {day(found.reference_end)}"
     )
@@ -53,7 +54,9 @@ def print_charts(found: ControlCharts) -> None:
 def print_bench_charts(found: BenchCharts) -> None:
     """Print the newest statistics of each parameter of a bench, and the days with signals."""
     first, last = (day(found.runs[k].measured) for k in (0, -1))
-    print_line(f"bench {found.bench}: {len(found.runs)} calibrations, {first} to {last}")
+    print_line(
+        f"bench {found.bench}: {format_count(len(found.runs), 'calibration')}, {first} to {last}"
+    )
     numbers = (">largest z", ">limit", f">largest {found.lasting_kind}", ">limit")
     print_table(("parameter", "meaning", *numbers), newest_statistics(found))
     if signals := day_signals(found):

@@ -9,6 +9,7 @@ from inercal.cli.console import (
     exit_with_verdict,
     print_coefficients,
     print_json,
+    print_line,
     print_written_files,
 )
 from inercal.cli.options import Json
@@ -39,6 +40,7 @@ def run(
         exit_with_verdict(shown.outcome)
         return
     print_coefficients(shown.outcome, shown.truth)
+    print_line(shown.outcome.verdict.lines[0], "bold")
     print(f"{shown.seconds / 60:.1f} minutes simulated in {shown.seconds / shown.speed:.0f} s")
     print(f"normalised error squared against the truth: {shown.nees:.2f} (1 is expected)")
     print_written_files(shown.files.values())

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.cli import export_command
 from inercal.cli.console import open_register, print_json, progress_status, report_line
 from inercal.cli.options import Force, Json, Scheduler, Workers, assignments, warn_of_root
@@ -109,7 +110,8 @@ def calibrate(
         print_json(content)
     else:
         print(
-            f"{counts.sensors} sensors: {counts.done} calibrated, {counts.kept} kept as they were"
+            f"{format_count(counts.sensors, 'sensor')}: {counts.done} calibrated, {counts.kept} "
+            "kept as they were"
         )
         if without:
             print(f"{without} have no result; inercal fleet status says why")
@@ -132,7 +134,7 @@ def status(line: _Line, out: _Out = None, json: Json = False) -> None:
     if json:
         print_json(found.as_object())
         return
-    print(f"{line}: {len(read.rows)} sensors")
+    print(f"{line}: {format_count(len(read.rows), 'sensor')}")
     for what, number in found.counts.items():
         print(f"{number:>9}  {what}")
     for what, number in found.conformity.items():
@@ -246,7 +248,7 @@ def export(
         for name in made.unreliable:
             report_line(f"warning: {name} is not to be relied on")
         _warn_of_outdated(made.outdated)
-        print(f"wrote {path}: {len(made.files)} files")
+        print(f"wrote {path}: {format_count(len(made.files), 'file')}")
         for name, reason in made.without.items():
             print(f"no file for {name}: {reason}")
         return
@@ -270,7 +272,7 @@ def export(
         return
     outdated = export_table(read, folder, path)
     _warn_of_outdated(outdated)
-    print(f"wrote {path}: {len(outdated)} sensors")
+    print(f"wrote {path}: {format_count(len(outdated), 'sensor')}")
 
 
 def _warn_of_outdated(reasons: Mapping[str, str]) -> None:
@@ -295,14 +297,14 @@ def _calibrate(
     if workers is None and scheduler is None and len(line.rows) < _SERIAL:
         workers = 1
     with (
-        progress_status(f"{len(line.rows)} sensors") as update,
+        progress_status(format_count(len(line.rows), "sensor")) as update,
         open_tolerant_executor(workers, scheduler) as executor,
     ):
 
         def show(counts: "Counts") -> None:
             without = counts.failed + counts.lost
             failed = f", {without} without a result" * bool(without)
-            update(f"{counts.settled} of {counts.sensors} sensors{failed}")
+            update(f"{counts.settled} of {format_count(counts.sensors, 'sensor')}{failed}")
 
         warn_of_root(scheduler)
         if executor.dashboard and find_spec("bokeh"):
@@ -340,7 +342,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
 
     line.run(line.rows[0])  # a wrong template is refused before any recording
     suffixes = {Path(row.recording).suffix for row in line.rows}
-    print(f"watching {folder}: {len(line.rows)} sensors", flush=True)
+    print(f"watching {folder}: {format_count(len(line.rows), 'sensor')}", flush=True)
 
     limit = TimeLimit(timeout)
     failed = done = 0

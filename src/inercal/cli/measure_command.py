@@ -11,6 +11,7 @@ import typer
 
 from inercal.basics.atomic_files import keep_previous
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.basics.visible_text import visible_text
 from inercal.cli.console import print_json
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
@@ -190,9 +191,11 @@ def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
         say(f"· The table has no row of {', '.join(table.left_out)}.")
     if table.measured:
         left = ": the others follow." if table.measured < len(table.rows) else "."
-        say(f"· {table.measured} of {len(table.rows)} rows are measured{left}")
+        say(f"· {table.measured} of {format_count(len(table.rows), 'row')} measured{left}")
 
 
 def _how_to_continue(table: "MeasurementTable") -> str:
     command = shlex.join(["inercal", *(word for word in sys.argv[1:] if word != "--force")])
-    return f"{table.measured} of {len(table.rows)} rows are measured; to go on: {command}"
+    return (
+        f"{table.measured} of {format_count(len(table.rows), 'row')} measured; to go on: {command}"
+    )

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from inercal.basics.units import si_factor
+from inercal.basics.units import format_duration, si_factor
 from inercal.cli.console import number_heads, print_line, print_lines, print_table
 from inercal.noise.channel_noise import NoiseAnalysis, coefficient_unit
 from inercal.noise.data_sheet import DataSheetNoise
@@ -31,7 +31,7 @@ def print_analysis(analysis: NoiseAnalysis) -> None:
             for channel in analysis.channels
             for one in channel.coefficients
         ],
-        title=f"{analysis.source or 'recording'}: noise of {analysis.duration:.4g} s",
+        title=f"{analysis.source or 'recording'}: noise of {format_duration(analysis.duration)}",
         section=str,
     )
     print_lines(analysis.remarks, whole=True)

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from inercal.host.tasks import RunOptions
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Explain = Annotated[
+    bool, typer.Option("--explain", help="Print all that the verdict is made of, under headings.")
+]
 Force = Annotated[bool, typer.Option("--force", help="Write over existing files.")]
 Strict = Annotated[
     bool,

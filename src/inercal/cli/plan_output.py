@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_duration
 from inercal.cli.console import (
     print_json,
     print_lines,
@@ -172,7 +173,7 @@ def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
     return _Plan(
         steps,
         result.seconds,
-        f"{len(result.steps)} rests, {result.seconds:.0f} s in all",
+        f"{len(result.steps)} rests, {format_duration(result.seconds)} in all",
         ("rest", "attitude", "hold for"),
         [(step.label, step.describe(), f"{step.seconds:g} s") for step in result.steps],
         (coefficient_uncertainties(result.sensor, std),),
@@ -211,7 +212,7 @@ def _path_plan(run: "Run") -> _Plan:
     return _Plan(
         steps,
         sheet.seconds,
-        f"{len(sheet.rows)} steps, {sheet.seconds / 60:.3g} min in all",
+        f"{len(sheet.rows)} steps, {format_duration(sheet.seconds)} in all",
         (">row", "label", "motion of the table", ">move", ">for"),
         [
             (str(row.number), row.step.label, row.step.describe().replace("-", "−"),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count, format_number
 from inercal.cli.console import open_register, print_json, print_line, print_lines, print_table
 from inercal.cli.options import Force, Json, RegisterOption
 from inercal.cli.outputs import QUALIFICATION, check_outputs
@@ -50,7 +51,7 @@ def run(
         raise InputError("--drift and --withdraw are two tasks: give one of them", key="--drift")
     wanted = 2 if drift else 1
     if len(files) != wanted:
-        raise InputError(f"{len(files)} files are given; give {wanted}")
+        raise InputError(f"{format_count(len(files), 'file is', 'files are')} given; give {wanted}")
     if register is not None and withdraw is None:
         raise InputError("--register is of --withdraw; remove it", key="--register")
     if out is not None and (drift or withdraw is not None):
@@ -173,12 +174,14 @@ def _print_drift(
 ) -> None:
     """Print the difference of two qualifications, and the random walk between them."""
     days = (later.date - earlier.date).days
-    print_line(f"{later.kind} of {later.bench} {later.bench_name}: {days} days between")
+    print_line(
+        f"{later.kind} of {later.bench} {later.bench_name}: {format_count(days, 'day')} between"
+    )
     rows: list[tuple[str, ...]] = []
     for one in found:
         unit, si = _shown_unit(one.unit)
         sizes = (one.difference, one.std, sqrt(one.walk), sqrt(one.upper), one.u_year)
-        rows.append((one.name, *(f"{x / si:.3g}" for x in sizes), unit))
+        rows.append((one.name, *(format_number(x / si, 3) for x in sizes), unit))
     numbers = (">difference", ">u", ">√q a year", ">at most", ">u after a year")
     print_table(("parameter", *numbers, "unit"), rows)
 

@@ -74,15 +74,16 @@ def run(
 
 def _print_repeatability(found: "Repeatability") -> None:
     """Print mean and next use of each coefficient, the scatter, and what was found."""
-    from inercal.basics.units import format_value_and_uncertainty
+    from inercal.basics.units import format_count, format_number, format_value_and_uncertainty
     from inercal.laboratory.repeatability.repeated_sessions import advice_lines
 
     matched = found.matched
     count = len(matched.sessions)
     days, mounts, turn_ons = (int(matched.level(which).max()) + 1 for which in range(3))
     print_line(
-        f"{matched.sensor.name}: {count} sessions of {days} days, {mounts} mountings, {turn_ons} "
-        f"turn-ons; U with 95 % coverage; the next use is on another {found.scope}"
+        f"{matched.sensor.name}: {format_count(count, 'session')} of {format_count(days, 'day')}, "
+        f"{format_count(mounts, 'mounting')}, {format_count(turn_ons, 'turn-on')}; U with 95 % "
+        f"coverage; the next use is on another {found.scope}"
     )
     rows: list[tuple[str, ...]] = []
     for k, name in enumerate(found.names):
@@ -100,7 +101,7 @@ def _print_repeatability(found: "Repeatability") -> None:
         ("scatter", "with each", ">standard deviation", ">from", ">to", "unit", "in the next use"),
         [
             (one.effect.name, one.effect.level,
-             *(f"{x / one.effect.si:.3g}" for x in (one.sd, one.low, one.high)),
+             *(format_number(x / one.effect.si, 3) for x in (one.sd, one.low, one.high)),
              one.effect.unit, "yes" if one.effect.is_in_next_use(found.scope) else "no")
             for one in found.components
         ],

@@ -9,15 +9,21 @@ from inercal.cli.console import (
     exit_with_verdict,
     generation_text,
     print_json,
+    print_verdict,
+    print_written_files,
     progress_status,
 )
-from inercal.cli.options import Json, Strict
+from inercal.cli.options import Explain, Json, Strict
 from inercal.cli.outputs import PAGE, check_outputs
 
 
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML)."),
     out: Path | None = typer.Option(None, "--out", "-o", help="The page to write."),
+    for_customer: bool = typer.Option(
+        False, "--for-customer", help="Leave out keys of the run file, and what to do next."
+    ),
+    explain: Explain = False,
     strict: Strict = False,
     json: Json = False,
 ) -> None:
@@ -41,10 +47,10 @@ def run(
             outcome = calibrate(
                 plan, lambda generation: update(f"writing {page}: {generation_text(generation)}")
             )
-        write_report(outcome, page, plan.truth or None)
+        write_report(outcome, page, plan.truth or None, for_customer=for_customer)
     if json:
-        lines = {"lines": list(outcome.verdict.lines)}
-        print_json({"report": str(page), "verdict": verdict_object(outcome.verdict) | lines})
+        print_json({"report": str(page), "verdict": verdict_object(outcome.verdict)})
     else:
-        print(f"wrote {page}")
+        print_verdict(outcome.verdict, explain=explain)
+        print_written_files([page])
     exit_with_verdict(outcome, strict=strict)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.cli.console import print_json, progress_status
 from inercal.cli.options import Scheduler, Workers, warn_of_root
 from inercal.cli.outputs import PAGE, check_outputs
@@ -90,7 +91,9 @@ def _reproduce_bundle(path: Path, json: bool) -> None:
         result = {"reproduced": found.reproduced, "difference": found.difference}
         print_json(result | {"tolerance": TOLERANCE, "grades": grades, "changed": changed})
     else:
-        print(f"{found.stored.sensor.name}: {found.stored.values.size} coefficients")
+        print(
+            f"{found.stored.sensor.name}: {format_count(found.stored.values.size, 'coefficient')}"
+        )
         print(f"largest difference of a value or of its u: {found.difference:.1e} u")
         print(f"verdict: {' and '.join(dict.fromkeys(grades))}")
         for name, (before, now) in changed.items():

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from inercal.basics.errors import InputError
-from inercal.cli.console import make_table, print_json, print_line, print_lines, print_table
-from inercal.cli.options import Json
+from inercal.basics.units import format_count
+from inercal.cli.console import (
+    make_table,
+    print_json,
+    print_line,
+    print_lines,
+    print_table,
+    print_verdict,
+)
+from inercal.cli.options import Explain, Json
 
 if TYPE_CHECKING:
     from inercal.runfile import Run
@@ -23,6 +31,7 @@ def run(
     at: list[str] = typer.Option(
         [], help='A temperature, such as "-30 °C": the coefficients of a calibration there.'
     ),
+    explain: Explain = False,
     json: Json = False,
 ) -> None:
     """Show a calibration with its uncertainties, the checked keys of a run file, or a recording."""
@@ -31,12 +40,12 @@ def run(
     elif file.suffix.lower() == ".toml":
         _show_run_file(file, json)
     elif file.suffix.lower() == ".json":
-        _show_calibration(file, json)
+        _show_calibration(file, explain, json)
     else:
         _show_recording(file, json)
 
 
-def _show_calibration(file: Path, json: bool) -> None:
+def _show_calibration(file: Path, explain: bool, json: bool) -> None:
     from inercal.calibration.display import title
     from inercal.calibration.files import calibration_object, load
     from inercal.cli.calibration_view import print_calibration_table
@@ -46,12 +55,15 @@ def _show_calibration(file: Path, json: bool) -> None:
         print_json({"file": "calibration"} | calibration_object(calibration))
         return
     print_line(title(calibration))
-    verdict = "" if calibration.verdict is None else calibration.verdict.word
-    facts = {"verdict": verdict, **calibration.job, "frame": calibration.frame}
+    facts = {**calibration.job, "frame": calibration.frame}
     facts |= calibration.conditions
     facts |= calibration.provenance
     print_lines(f"{name}: {text}" for name, text in facts.items() if text)
     print_calibration_table(calibration)
+    if calibration.verdict is None:
+        print_lines(calibration.notes, "· ")
+    else:
+        print_verdict(calibration.verdict, explain=explain)
 
 
 def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
@@ -207,5 +219,5 @@ def _show_recording(file: Path, json: bool) -> None:
              *(x if isinstance(x := row[key], str) else f"{x:.7g}" for key in keys))
             for row in rows
         ],
-        title=f"{table.source}: {count} rows",
+        title=f"{table.source}: {format_count(count, 'row')}",
     )  # fmt: skip

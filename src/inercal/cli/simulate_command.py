@@ -4,6 +4,7 @@ from pathlib import Path
 
 import typer
 
+from inercal.basics.units import format_duration
 from inercal.cli.console import print_json, progress_status
 from inercal.cli.options import Force, Json
 from inercal.cli.outputs import RECORDING, check_outputs
@@ -54,4 +55,4 @@ def run(
             }
         )
     else:
-        print(f"wrote {written}: {samples} samples, {seconds:.1f} s")
+        print(f"wrote {written}: {samples} samples, {format_duration(seconds)}")

@@ -7,6 +7,7 @@ import typer
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InercalError, InputError
+from inercal.basics.units import format_count
 from inercal.cli.console import open_register, print_json, report_line
 from inercal.cli.options import Force, Json, RegisterOption, assignments
 from inercal.cli.outputs import BACKUP, PAGE, check_outputs
@@ -286,7 +287,7 @@ def import_(
         except InercalError:
             done, left = len(entered), len(paths) - len(entered) - 1
             if done or left:
-                text = f"{done} of {len(paths)} paths entered, {left} not read"
+                text = f"{done} of {format_count(len(paths), 'path')} entered, {left} not read"
                 report_line(text)
             raise
         finally:

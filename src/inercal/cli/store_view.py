@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.units import format_count
 from inercal.calibration.comparison.comparison_text import format_en, grade_text
 from inercal.calibration.comparison.courses import CourseFit
 from inercal.cli.calibration_view import print_calibration_table, run_to_run_object
@@ -130,8 +131,8 @@ def print_history(history: SensorHistory, *, detailed: bool) -> None:
     """Print a history: a row of each coefficient, or of each calibration where `detailed`."""
     first, last = (_date(history.entries[k].measured) for k in (0, -1))
     count = len(history.entries)
-    times = f"calibrations, {first} to {last}" if count > 1 else f"calibration, {first}"
-    print_line(f"{history.sensor.name}: {count} {times}")
+    until = f" to {last}" if count > 1 else ""
+    print_line(f"{history.sensor.name}: {format_count(count, 'calibration')}, {first}{until}")
     if detailed:
         for trend in history.trends:
             _print_trend(history, trend)
@@ -184,7 +185,7 @@ def print_noise_history(entries: Sequence[NoiseEntry]) -> None:
     if not entries:
         return
     first, last = (_date(one.measured) for one in (entries[0], entries[-1]))
-    count = f"{len(entries)} noise analys{'i' if len(entries) == 1 else 'e'}s"
+    count = format_count(len(entries), "noise analysis", "noise analyses")
     print_line(f"{count}, {first}" + (f" to {last}" if last != first else ""))
     trends = noise_trends(tuple(entries))
     print_table(number_heads(HEADS, _NOISE_NUMBERS), trend_rows(trends))

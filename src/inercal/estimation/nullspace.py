@@ -15,6 +15,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import NotObserved
+from inercal.basics.units import format_count
 from inercal.estimation.problem import Problem
 from inercal.estimation.singular_values import svd
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
@@ -67,7 +68,7 @@ def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observa
             words = tuple(direction.words for direction in free)
             touched = {name for direction in free for name in direction.weights}
             raise NotObserved(
-                f"the data do not determine {len(words)} combination{'s' * (len(words) > 1)} of"
+                f"the data do not determine {format_count(len(words), 'combination')} of"
                 f" parameters: {'; '.join(words)}; remove parameters, or give a prior or a gauge",
                 words,
                 names=tuple(name for name in system.problem.names if name in touched),

@@ -14,6 +14,7 @@ from typing import Any
 
 from inercal.basics.errors import InputError
 from inercal.basics.registry import Registry
+from inercal.basics.units import format_quantity
 from inercal.calibration import Calibration
 from inercal.export.cost import Cost, Loss, costs, losses, possible_samples, sample
 from inercal.export.header import header_lines
@@ -173,7 +174,10 @@ def identifier(text: str) -> str:
 
 def _refusal(target: Target, cost: tuple[Cost, ...], lost: tuple[Loss, ...]) -> str:
     worst = "; ".join(
-        f"{one.largest:.3g} {QUANTITIES[one.measures].ascii_unit} where U is {one.expanded:.3g}"
+        " where U is ".join(
+            format_quantity(size, 0.0, QUANTITIES[one.measures].bias_unit, 3)
+            for size in (one.largest, one.expanded)
+        )
         for one in cost
         if one.exceeds
     )

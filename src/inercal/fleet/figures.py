@@ -15,6 +15,7 @@ from matplotlib.dates import ConciseDateFormatter
 from matplotlib.ticker import MaxNLocator
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_count
 from inercal.fleet.control_chart import ControlChart
 from inercal.fleet.statistics import CoefficientStatistics, FleetStatistics
 from inercal.report import drawing
@@ -151,7 +152,9 @@ def _draw_chart(axes: Axes, centre: float, chart: ControlChart) -> None:
     margin = max(0.03 * (last - first), _LEAST_TIME)
     axes.set_xlim(first - margin, last + margin)
     title = chart.station or "all stations"
-    axes.set_title(f"{title}: {chart.beyond} of {len(chart.ratio)} points beyond the limits")
+    axes.set_title(
+        f"{title}: {chart.beyond} of {format_count(len(chart.ratio), 'point')} beyond the limits"
+    )
 
 
 def date_text(days: float) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from math import inf, isfinite, isnan
 
+from inercal.basics.units import format_count
 from inercal.fleet.statistics import (
     QUANTILES,
     TRENDS,
@@ -16,28 +17,33 @@ from inercal.fleet.statistics import (
 def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
     """Return what the statistics say: a summary, and what needs attention."""
     population = found.population
-    count = len(population.ids)
+    count = format_count(len(population.ids), "sensor")
     if found.yields:
         first = found.yields[0]
-        summary = f"{100 * first.share:.4g} % of {count} sensors pass ({rule_text(first)})"
+        summary = f"{100 * first.share:.4g} % of {count} pass ({rule_text(first)})"
     else:
-        summary = f"{count} sensors"
+        summary = count
     return summary, _findings(found)
 
 
 def _findings(found: FleetStatistics) -> list[str]:
     texts: list[str] = []
     if found.population.outdated:
-        texts.append(f"{found.population.outdated} results are outdated: calibrate the line again")
+        outdated = format_count(found.population.outdated, "result is", "results are")
+        texts.append(f"{outdated} outdated: calibrate the line again")
     if found.outliers:
-        texts.append(
-            f"{len(found.outliers)} outliers ({found.outliers_by_chance:g} expected by chance)"
-        )
+        outliers = format_count(len(found.outliers), "outlier")
+        texts.append(f"{outliers} ({found.outliers_by_chance:g} expected by chance)")
     drifting = [one for one in found.contrasts if one.significant]
     if drifting:
         names = dict.fromkeys(f"{one.coefficient} ({one.of})" for one in drifting)
         listed = ", ".join(list(names)[:8])
-        texts.append(f"{len(drifting)} significant trends or differences of stations: {listed}")
+        trends = format_count(
+            len(drifting),
+            "significant trend or difference",
+            "significant trends or differences",
+        )
+        texts.append(f"{trends} of stations: {listed}")
     beyond = [one for one in found.charts if one.beyond]
     if beyond:
         listed = ", ".join(f"{one.station or 'all stations'} ({one.beyond})" for one in beyond[:8])

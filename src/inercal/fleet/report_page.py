@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.keys import CoefficientName
+from inercal.basics.units import format_count
 from inercal.calibration.specification import limit_text
 from inercal.fleet.contrasts import Contrast
 from inercal.fleet.figures import control_figure, date_text, distribution_figure
@@ -96,7 +97,10 @@ def page(found: FleetStatistics, line: str) -> str:
 
 def _under(found: FleetStatistics) -> str:
     population = found.population
-    parts = [f"{len(population.ids)} sensors", f"{len(population.names)} coefficients"]
+    parts = [
+        format_count(len(population.ids), "sensor"),
+        format_count(len(population.names), "coefficient"),
+    ]
     for grouping, word in ((population.lots, "lots"), (population.stations, "stations")):
         if grouping.several:
             parts.append(f"{len(grouping.names)} {word}")

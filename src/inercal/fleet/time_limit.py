@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from inercal.basics.units import format_duration
+
 _FACTOR = 20  # times what the slowest of the others took
 _LEAST = 60.0  # s: a busy machine, or one that compiles kernels, delays anybody
 _FIRST = 600.0  # s, until others are known
@@ -55,8 +57,9 @@ class TimeLimit:
 
     def reason(self, limit: float) -> str:
         """Return why a sensor was stopped, in words."""
-        others = f", where the others took at most {self._longest:.2g} s" * bool(self._count)
+        longest = format_duration(self._longest)
+        others = f", where the others took at most {longest}" * bool(self._count)
         return (
-            f"it took longer than {limit:.3g} s{others}, and was stopped; --timeout gives it "
-            "another limit, --retry-failed tries it again"
+            f"it took longer than {format_duration(limit)}{others}, and was stopped; --timeout "
+            "gives it another limit, --retry-failed tries it again"
         )

@@ -8,6 +8,7 @@ from time import monotonic
 
 import numpy as np
 
+from inercal.basics.units import format_count
 from inercal.benches.motion_control import ControlledBench
 from inercal.host.addresses import (
     allows_second_connection,
@@ -185,8 +186,8 @@ def imu_lines(imu: ImuConnection) -> list[str]:
         ]
     return lines + [
         f"  preset={one.layout.name}: {one.rate_hz:.6g} packets a second, "
-        f"{100 * one.decoded_fraction:.3g} % of the bytes taken, {one.counts.failed} wrong checks; "
-        f"{one.layout.protection}"
+        f"{100 * one.decoded_fraction:.3g} % of the bytes taken, "
+        f"{format_count(one.counts.failed, 'checksum error')}; {one.layout.protection}"
         for one in imu.decodings
     ]
 

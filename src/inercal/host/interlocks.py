@@ -24,7 +24,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, format_duration
 from inercal.benches.motion_control import ControlledBench
 from inercal.benches.turntable import Turntable, is_turntable
 from inercal.benches.turntable.attitude import motion
@@ -99,7 +99,7 @@ class LastChecks:
         elif self.trouble is None:
             which, age = overdue[0]
             self.trouble = (
-                f"nothing has checked {_CHECKED[which]} for {age:.2g} s; "
+                f"nothing has checked {_CHECKED[which]} for {format_duration(age)}; "
                 f"at most {self._longest[which]:g} s are allowed while the table is driven"
             )
             self.trouble_since = time

@@ -7,6 +7,7 @@ from time import monotonic
 from typing import Literal, Protocol
 
 from inercal.basics.errors import InercalError
+from inercal.basics.units import format_duration
 from inercal.host.guard import Guard
 from inercal.host.interlocks import MAX_CHECK_INTERVAL
 from inercal.host.sequencer import Sequencer
@@ -111,7 +112,7 @@ class Interruptions:
             s by which a tick came too late.
         """
         if late > MAX_CHECK_INTERVAL:
-            self._pause("host", f"the host stood still for {late:.3g} s", late)
+            self._pause("host", f"the host stood still for {format_duration(late)}", late)
         else:
             self._pauses.pop("host", None)
 

@@ -20,7 +20,6 @@ import numpy as np
 
 from inercal.basics.errors import InercalError
 from inercal.basics.process_settings import prepare_process
-from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import Turntable, require_turntable
 from inercal.estimation import Gaussian
 from inercal.estimation.kernel_options import on_compilation
@@ -64,7 +63,7 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
     # Packets hold no temperature of each sample: coefficients of it are found afterwards.
     if run.method.sequential is not None and not run.sensor.uses("dT"):
         _compile_estimator(run)
-    if not require_motion_control(run).has_attitude:
+    if not run.motion_control.has_attitude:
         if layout is not None:
             _assemble_rest(run, layout)
         return
@@ -139,12 +138,7 @@ def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
 
 def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
     """Return what is assembled of a rest, in two pieces."""
-    lasting = (
-        _CLOCKS_MATCHED
-        + _REST
-        + 3 * require_motion_control(run).settling(run.bench)
-        + _SECOND_PIECE
-    )
+    lasting = _CLOCKS_MATCHED + _REST + 3 * run.motion_control.settling(run.bench) + _SECOND_PIECE
     result, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
     tracks: list[Track] = []
     for early in (True, False):
@@ -159,7 +153,7 @@ def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
 def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFrame]:
     """Return what the log has of a rest: polls and packets, and in between the first section."""
     assert run.rate_hz is not None
-    k = len(require_motion_control(run).readback(run.bench))
+    k = len(run.motion_control.readback(run.bench))
     rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
     section = {
         "what": "section",

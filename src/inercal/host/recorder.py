@@ -14,7 +14,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from inercal.basics.errors import InercalError
-from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.clock import HostUptime, read_host_uptime
@@ -117,7 +116,7 @@ class RunRecorder(Closeable):
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live_estimator = LiveEstimator(run) if self._estimates else None
         # Without readback there is no attitude of the table to begin from and to compare with.
-        has_attitude = require_motion_control(run).has_attitude
+        has_attitude = run.motion_control.has_attitude
         navigates = is_whole_imu(run.sensor) and has_attitude and require_turntable(run).readback
         self._new_navigator = lambda: (
             Navigator(run.sensor, require_turntable(run)) if navigates else None

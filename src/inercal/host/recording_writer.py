@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError, require_extra, require_installed
-from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable.reading.host_readback import (
     BENCH_GROUP,
     IMPLAUSIBLE_POLLS,
@@ -60,7 +59,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
         Naming the key and what is possible.
     """
     require_installed("io", _NEEDS_H5PY, ("h5py",))
-    control, data = require_motion_control(run), run.data
+    control, data = run.motion_control, run.data
 
     def refusal(key: str, text: str, *names: str) -> InputError:
         return key_error(f"[data] {key}", text, run.path, names)
@@ -226,7 +225,7 @@ def _recording_columns(
     run: Run, assembly: SampleAssembler, blocks: list[SampleBlock]
 ) -> dict[str, NDArray[Any]]:
     """Return the columns by their names in [data]."""
-    data, control = run.data, require_motion_control(run)
+    data, control = run.data, run.motion_control
     output = np.concatenate([one.output for one in blocks])
     said = np.concatenate([one.angle_output for one in blocks])
     table = np.concatenate([one.table for one in blocks])

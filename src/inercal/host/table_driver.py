@@ -23,6 +23,7 @@ from select import select
 from time import monotonic
 from typing import Literal
 
+from inercal.basics.units import format_duration
 from inercal.host.clock import Clock
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
@@ -286,8 +287,8 @@ class TableDriver:
         except LinkLost as error:
             answer = f"no stop could be sent to the table ({error})"
         does = "stops it too" if told else "is gone too: cut the table's power"
-        words = f"the table could not be read for {blind:.2g} s: {answer}; the watchdog {does}"
-        self._say("alarm", words)
+        unread = f"the table could not be read for {format_duration(blind)}: {answer}"
+        self._say("alarm", f"{unread}; the watchdog {does}")
 
     def send(self, commands: Sequence[Command]) -> None:
         """Tell the table what to do before it is read next; nothing, maybe.

@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple
 
 from inercal.basics.errors import InputError
-from inercal.benches.kinds import require_motion_control
 from inercal.benches.motion_control import ControlledBench, MotionControl, Task
 from inercal.runfile import Run
 
@@ -34,7 +33,7 @@ def host_plan(run: Run) -> HostPlan:
     InputError
         A bench that no host drives, or a plan that it cannot carry out.
     """
-    kind, bench = require_motion_control(run), run.bench
+    kind, bench = run.motion_control, run.bench
     controlled: Any = bench  # the kind states that its benches have axes
     return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)))
 

@@ -15,6 +15,7 @@ from inercal.benches.report_data import Plot
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations, Track
+from inercal.recordings.data import MethodBase
 from inercal.recordings.environment import Environment
 
 if TYPE_CHECKING:  # a run file that is refused needs none of these
@@ -187,13 +188,12 @@ def triangular_frame(bench: object) -> "Frame":
     return "triangular"
 
 
-@dataclass(frozen=True)
-class Method(Generic[Bench, Step]):
-    """A way to calibrate.
+@dataclass(frozen=True, kw_only=True)
+class Method(MethodBase, Generic[Bench, Step]):
+    """A way to calibrate: what readers of data use of it, `MethodBase`, and the rest.
 
     Parameters
     ----------
-    name : str
     bench : type
         The kind of bench that it needs.
     default_coefficients : mapping of "f" or "w" to tuple of str
@@ -208,10 +208,11 @@ class Method(Generic[Bench, Step]):
     estimators : mapping
         By name; the first is the default.
     source : str
-    unknown_attitudes : bool
-        Whether attitudes are free: rests are detected and labelled without a plan.
     norm_only_estimators : tuple of str
         Estimators of norms, which do not observe a rotation of the triad: its frame may be stated.
+    closed_formulas : tuple of str
+        Estimators whose formulas determine a fixed set of coefficients, or that make no score
+        tests: `also = "auto"` is refused.
     frame : callable
         From the bench to the frame that misalignments refer to where the run file states none.
     remarks : callable
@@ -219,19 +220,12 @@ class Method(Generic[Bench, Step]):
     constant_rates : bool
         Whether gyros are read at constant rates: a calibration then holds over the range of the
         means, and correcting a recording says where it is left.
-    follows_rest : bool
-        Whether the whole recording is one rest, whose samples the estimator follows.
-    without_angles : bool
-        Whether it uses no angle of a turntable: the gyros show rests and turns.
     weighs_common_errors : bool
         Whether its estimators weigh rows by their whole covariance, with errors in common.
-    sequential : callable or None
-        Starts the live estimation of a run; None where the method has none.
     final_by_recording : bool
         Whether another estimator than the live one gives the result of the recording.
     """
 
-    name: str
     bench: type[Bench]
     default_coefficients: Mapping[Measures, tuple[str, ...]]
     needs: tuple[Measures, ...]
@@ -241,13 +235,11 @@ class Method(Generic[Bench, Step]):
     also: Mapping[Measures, tuple[str, ...]] = field(
         default_factory=dict[Measures, tuple[str, ...]]
     )
-    unknown_attitudes: bool = False
     norm_only_estimators: tuple[str, ...] = ()
+    closed_formulas: tuple[str, ...] = ()
     frame: "Callable[[Bench], Frame]" = _mount_frame
     remarks: Callable[[Fit[Bench, Step]], Remarks] = _no_remarks
     constant_rates: bool = False
-    follows_rest: bool = False
-    without_angles: bool = False
     weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
     final_by_recording: bool = False

@@ -25,9 +25,8 @@ from inercal.basics.keys import CoefficientName
 from inercal.benches import Hand
 from inercal.benches.hand.bench import sensed_motion
 from inercal.estimation import Estimate
-from inercal.methods.observability import Plan
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Hold
+from inercal.physics.plan import HandSteps, Hold
 from inercal.physics.sensors import Sensor
 
 
@@ -42,7 +41,7 @@ class Curvature(NamedTuple):
 
 
 def tilt_curvature(
-    estimate: Estimate, sensor: Sensor, bench: Hand, done: Plan, durations: Array
+    estimate: Estimate, sensor: Sensor, bench: Hand, done: HandSteps, durations: Array
 ) -> Curvature | None:
     """Return the second-order effect at a first-order estimate; None where all tilts are exact.
 

@@ -1,6 +1,5 @@
 """Readings against the angle of a dividing head: its errors are nuisances, or it is exact."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,9 @@ from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
 from inercal.estimation import Problem
 from inercal.methods import Priors, mean_problem
-from inercal.physics.plan import Index
+from inercal.physics.plan import Index, Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
-
-Plan = Sequence[Index]
 
 MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error: higher ones act like errors of the graduations
@@ -52,7 +49,7 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Plan,
+    steps: Indexings,
     priors: Priors = (),
     *,
     exact: bool = False,
@@ -92,7 +89,9 @@ def problem(
     )
 
 
-def _test_families(sensor: Sensor, bench: DividingHead, steps: Plan) -> dict[str, tuple[str, ...]]:
+def _test_families(
+    sensor: Sensor, bench: DividingHead, steps: Indexings
+) -> dict[str, tuple[str, ...]]:
     """Return the families of score tests: a harmonic's sine and cosine, a drift in all passes."""
     count = max(_TESTED_HARMONICS, len(bench.harmonics))
     result: dict[str, tuple[str, ...]] = {
@@ -106,7 +105,7 @@ def _test_families(sensor: Sensor, bench: DividingHead, steps: Plan) -> dict[str
 
 
 def readings_at_stated_angles(
-    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Plan
+    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Indexings
 ) -> Observations:
     """Return the readings corrected to the head's nominal angles, for formulas that assume these.
 
@@ -134,7 +133,7 @@ def readings_at_stated_angles(
 
 
 def with_drift_covariance(
-    observations: Observations, bench: DividingHead, steps: Plan
+    observations: Observations, bench: DividingHead, steps: Indexings
 ) -> Observations:
     """Return the observations with the drift of biases in their covariance, not as a nuisance."""
     if not bench.drift:
@@ -146,7 +145,7 @@ def with_drift_covariance(
     return replace(observations, drift=before + np.repeat(between[..., None], channels, axis=-1))
 
 
-def _drift_columns(sensor: Sensor, steps: Plan) -> dict[str, Array]:
+def _drift_columns(sensor: Sensor, steps: Indexings) -> dict[str, Array]:
     """Return the effect of a unit drift on all readings, (m r,), by its name."""
     result: dict[str, Array] = {}
     for k, channel in enumerate(sensor.channels):

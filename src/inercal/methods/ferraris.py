@@ -29,15 +29,14 @@ from inercal.estimation.uncertainty import propagate
 from inercal.methods import Method, Priors, estimator_inputs
 from inercal.methods.hand_likelihood import ml
 from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
-from inercal.methods.observability import Plan
 from inercal.methods.order_effects import order_remarks
-from inercal.physics.plan import Turn, ferraris_plan
+from inercal.physics.plan import HandSteps, Turn, ferraris_plan
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
 
 def classical(
-    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Hand, steps: HandSteps, priors: Priors = ()
 ) -> Estimate:
     """Return the coefficients by the closed formulas, with the noise of the means propagated.
 
@@ -89,7 +88,7 @@ def classical(
 
 
 def _coefficients(
-    means: dict[str, Array], observations: Observations, sensor: Sensor, g: float, steps: Plan
+    means: dict[str, Array], observations: Observations, sensor: Sensor, g: float, steps: HandSteps
 ) -> Array:
     up, down = (np.stack([means[f"{a}_{s}"] for a in "xyz"], axis=1) for s in "pa")
     matrix_a = (up - down)[:3] / (2 * g)
@@ -141,6 +140,7 @@ METHOD = Method(
     needs=("w",),
     plan=ferraris_plan,
     estimators={"ml": ml, "classical": classical},
+    closed_formulas=("classical",),
     weighs_common_errors=True,
     remarks=order_remarks,
     source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",

@@ -18,8 +18,7 @@ from inercal.estimation import Estimate, Problem
 from inercal.methods import Priors, mean_problem, observability, solving
 from inercal.methods.curvature import Curvature, tilt_curvature
 from inercal.methods.mean_problem import ReadingNoise
-from inercal.methods.observability import Plan
-from inercal.physics.plan import Hold, Turn
+from inercal.physics.plan import HandSteps, Hold, Turn
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Observations
 
@@ -29,7 +28,7 @@ _ZERO_INPUT_LIMIT = 1e-6  # of g, or of a turn's rate
 
 
 def ml(
-    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Hand, steps: HandSteps, priors: Priors = ()
 ) -> Estimate:
     """Return the estimate of the sensor's coefficients and the bench's nuisances.
 
@@ -77,7 +76,7 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
-    done: Plan,
+    done: HandSteps,
     priors: Priors = (),
     curvature: Curvature | None = None,
 ) -> Problem:
@@ -127,7 +126,7 @@ def problem(
     )
 
 
-def _unread_forces(turns: Plan, gravity: float) -> dict[str, Parameter]:
+def _unread_forces(turns: HandSteps, gravity: float) -> dict[str, Parameter]:
     """Return the mean specific forces of turns without accelerometers, as nuisances."""
     text = "mean specific force in the turn"
     return {
@@ -140,7 +139,7 @@ def _unread_forces(turns: Plan, gravity: float) -> dict[str, Parameter]:
     }
 
 
-def _zero_input_readings(sensor: Sensor, done: Plan) -> Bools | None:
+def _zero_input_readings(sensor: Sensor, done: HandSteps) -> Bools | None:
     """Return which readings are of axes with zero nominal input, (r·m,), row after row.
 
     None where each position occurs once: two or four readings of an axis do not show a sign.

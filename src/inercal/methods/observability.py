@@ -19,10 +19,8 @@ from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate
 from inercal.methods import Priors
-from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.plan import HandSteps, Hold, Turn
 from inercal.physics.sensors import Sensor
-
-Plan = Sequence[HandStep]
 
 NOISE_ONLY_NOTE = (
     "the uncertainties include the noise of the means alone: the bench is taken as exact"
@@ -33,7 +31,7 @@ _MIN_INPUT = 0.5  # g, up and down, that an axis must have sensed
 
 
 def require_bias_scale_separation(
-    sensor: Sensor, done: Plan, missing: Plan, priors: Priors
+    sensor: Sensor, done: HandSteps, missing: HandSteps, priors: Priors
 ) -> None:
     """Refuse accelerometer axes whose bias and scale no pair of positions separates.
 
@@ -69,7 +67,7 @@ def require_bias_scale_separation(
         )
 
 
-def require_observed(estimate: Estimate, sensor: Sensor, missing: Plan) -> None:
+def require_observed(estimate: Estimate, sensor: Sensor, missing: HandSteps) -> None:
     """Refuse an estimate with a direction known no better than a tenth of its natural size.
 
     Raises
@@ -94,7 +92,9 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: Plan) -> None:
     )
 
 
-def not_observed_error(sensor: Sensor, directions: Sequence[str], missing: Plan) -> NotObserved:
+def not_observed_error(
+    sensor: Sensor, directions: Sequence[str], missing: HandSteps
+) -> NotObserved:
     """Return the refusal: the coefficients, the free directions in natural units, the remedy.
 
     Parameters
@@ -129,7 +129,7 @@ def not_observed_error(sensor: Sensor, directions: Sequence[str], missing: Plan)
     )
 
 
-def steps_in_words(missing: Plan) -> str:
+def steps_in_words(missing: HandSteps) -> str:
     """Return the steps that were not carried out, as part of a sentence; empty if none."""
     if not missing:
         return ""

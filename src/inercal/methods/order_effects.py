@@ -31,10 +31,10 @@ from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
 from inercal.recordings import Finding
 
-_REPEATED = "a position of each axis that is repeated at the end shows it"
-_REVERSED = "the positions once more in the reverse order show it"
-_BOTH_SENSES = "attitudes between the positions, reached from both sides, show it"
-_STILL = "a second recording where nothing vibrates shows it"
+_REPEATED = "repeat a position of each axis at the end to detect it"
+_REVERSED = "take the positions again in the reverse order to detect it"
+_BOTH_SENSES = "reach attitudes between the positions from both sides to detect it"
+_STILL = "make a second recording where nothing vibrates to detect it"
 
 
 class _Pattern(NamedTuple):
@@ -47,10 +47,10 @@ class _Pattern(NamedTuple):
 
 
 def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
-    """Return a note on what these positions cannot see of their order, with what would show it.
+    """Return a finding on each effect that these positions cannot detect from their order.
 
-    There is a finding for each effect: its message begins with the name, and `channel` is the axis
-    that the smallest size shifts by 5 u.
+    The message begins with the name and says what would detect it; `channel` is the axis that the
+    smallest size shifts by 5 u.
     """
     rows, estimate, sensor = fit.estimate.rows(), fit.estimate, fit.sensor
     if rows is None or len(estimate.observations or rows.residual) != len(rows.residual):
@@ -79,19 +79,12 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
         if one.name not in unseen or size < unseen[one.name][1]:
             unseen[one.name] = one, size
     findings = tuple(
-        Finding("note", "unseen", f"{name} ({_size_text(sensor, *unseen[name])}): "
+        Finding("note", "unseen", f"{name}: {_size_text(sensor, *unseen[name])}; "
                 f"{unseen[name][0].remedy}", unseen[name][0].axis)
         for name in dict.fromkeys(one.name for one in patterns)
         if name in unseen
     )  # fmt: skip
-    if not findings:
-        return Remarks()
-    listed = "; ".join(one.message for one in findings)
-    note = (
-        "these data cannot show what follows, and U does not hold it (in brackets the size that "
-        f"shifts a coefficient by 5 u): {listed}"
-    )
-    return Remarks(notes=(note,), findings=findings)
+    return Remarks(findings=findings)
 
 
 def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:

@@ -31,12 +31,10 @@ from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.methods import Priors, mean_problem
 from inercal.methods.observability import OBSERVABILITY_LIMIT
-from inercal.physics.plan import Spin
+from inercal.physics.plan import Spins
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import AffineModel, to_coefficients
 from inercal.recordings import Observations
-
-Plan = Sequence[Spin]
 
 _ITERATIONS = 3  # of Gauss and Newton: norms are nearly linear in θ
 _VARIANCE_FLOOR = 1e-14  # of the largest variance: below, a variance is rounding
@@ -51,7 +49,7 @@ class Consistency(NamedTuple):
 
 
 def joint_problem(
-    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Problem:
     """Return the problem of all readings, with the bench's errors as nuisances."""
     # Rows of a table without times are in the order of measurement.
@@ -67,7 +65,7 @@ def joint_problem(
 
 
 def row_covariance(
-    observations: Observations, bench: RateTable, steps: Plan, matrix: Array
+    observations: Observations, bench: RateTable, steps: Spins, matrix: Array
 ) -> Array:
     """Return the covariance of M a + p − f over all rows, by noise and bench, (..., 3 r, 3 r) g².
 
@@ -86,7 +84,7 @@ def row_covariance(
     return (turned.reshape(*turned.shape[:-4], size, size) + result.T @ result) / G0**2
 
 
-def bench_sensitivities(bench: RateTable, steps: Plan, gain: Array) -> dict[str, Array]:
+def bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[str, Array]:
     """Return the derivatives of θ by the stated bench errors of the whole run, (..., 12).
 
     Parameters
@@ -138,7 +136,7 @@ def consistency(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Plan,
+    steps: Spins,
     model: AffineModel,
     gain: Array,
     level: Sequence[int],

@@ -31,9 +31,8 @@ from inercal.benches.rate_table.fixture import PLANES, is_tilted, planar_plan
 from inercal.estimation import Estimate, NullDirection
 from inercal.methods import Fit, Method, Priors, Remarks, estimator_inputs, ship_consistency
 from inercal.methods.observability import require_observed
-from inercal.methods.ship_consistency import Plan
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Spin
+from inercal.physics.plan import Spin, Spins
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import AffineModel, require_affine_triad, to_coefficients
 from inercal.recordings import Observations
@@ -130,7 +129,7 @@ def fit_level_states(a: Array, f: Array) -> LevelStates:
     return LevelStates(model, gain.reshape(*lead, 12, 3 * r))
 
 
-def require_excitation(bench: RateTable, steps: Plan) -> None:
+def require_excitation(bench: RateTable, steps: Spins) -> None:
     """Refuse states that do not excite an axis separately from the other axes and the bias.
 
     Raises
@@ -226,7 +225,7 @@ def affine_estimate(
 
 
 def planar(
-    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Estimate:
     """Return the twelve coefficients from the states that are not tilted.
 

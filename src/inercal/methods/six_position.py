@@ -23,6 +23,7 @@ METHOD = Method(
     needs=("f",),
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},
+    closed_formulas=("classical",),
     weighs_common_errors=True,
     remarks=order_remarks,
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",

@@ -57,11 +57,11 @@ from inercal.estimation import Estimate
 from inercal.estimation.uncertainty import value_and_jacobian
 from inercal.methods import Method, Priors, dividing_head_problem, estimator_inputs, solving
 from inercal.methods import tumble_harmonics as harmonics
-from inercal.methods.dividing_head_problem import Plan
 from inercal.methods.dual_orthogonal import notes as notes_on_sums
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
 from inercal.physics.motion import Motion
+from inercal.physics.plan import Indexings
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
@@ -75,7 +75,7 @@ def least_squares(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Plan,
+    steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
     """Return the estimate by the sensor's exact model, in either form, at any positions.
@@ -123,7 +123,7 @@ def fourier(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Plan,
+    steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
     """Return k0, k1, delta_o, k2, kip and k3, as chosen, by closed formulas from harmonics.
@@ -200,13 +200,13 @@ def fourier(
     )
 
 
-def _nominal_angles(steps: Plan) -> Array:
+def _nominal_angles(steps: Indexings) -> Array:
     """Return the angle of each step, (r,) rad: on the even grid where the steps have one."""
     grid = even_angles(steps)
     return np.array([step.angle for step in steps]) if grid is None else grid
 
 
-def _force_at_even_angles(bench: DividingHead, steps: Plan, f: Array) -> Array:
+def _force_at_even_angles(bench: DividingHead, steps: Indexings, f: Array) -> Array:
     """Return the force at the nominal angles; f, (r, 3) m/s², is that at the stated angles.
 
     Raises
@@ -231,7 +231,7 @@ def _force_at_even_angles(bench: DividingHead, steps: Plan, f: Array) -> Array:
     return even
 
 
-def _checked_angles(observations: Observations, sensor: Sensor, steps: Plan) -> Array:
+def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings) -> Array:
     """Return the nominal angle of each row, (r,) rad, of observations that can be used."""
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
         words = {"f": "an accelerometer", "w": "a gyro"}
@@ -282,6 +282,7 @@ METHOD = Method(
     needs=("f",),
     plan=dividing_head_problem.plan,
     estimators={"least_squares": least_squares, "fourier": fourier},
+    closed_formulas=("fourier",),
     weighs_common_errors=True,
     source="IEEE Std 1293, static multipoint (tumble) test",
 )

@@ -14,7 +14,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
-from inercal.basics.units import si_factor
+from inercal.basics.units import format_duration, format_quantity, si_factor
 from inercal.noise.channel_model import ChannelSummary, conclude, selection_with_filter
 from inercal.noise.channel_noise import (
     ChannelNoise,
@@ -95,7 +95,7 @@ def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) ->
 def _walk(fit: NoiseFit, quantity: SensorKind) -> str:
     unit = coefficient_unit("K", quantity)
     variance = fit.variance("K")
-    return f"{np.sqrt(variance) / si_factor(unit):.3g} {unit}" if variance > 0 else "none"
+    return format_quantity(float(np.sqrt(variance)), 0.0, unit, 3) if variance > 0 else "none"
 
 
 DEVIATIONS = ("oadev", "mdev", "ohdev", "totdev")
@@ -220,7 +220,7 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
     if found and not wanted.keep_disturbed:
         parts = quiet_parts(every, found, pieces.dt)
         left = (sum(map(len, every)) - sum(map(len, parts))) * pieces.dt
-        remarks.append(f"{left:.4g} s were left out (disturbances: {len(found)})")
+        remarks.append(f"{format_duration(left)} were left out (disturbances: {len(found)})")
     spectra, lines = _spectra(parts, pieces.dt, wanted.skipped_bands)
     remarks += [f"{low:g}–{high:g} Hz were left out of the fit" for low, high in
                 wanted.skipped_bands]  # fmt: skip

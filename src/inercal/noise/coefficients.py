@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_duration
 from inercal.noise.band_edge import ADDED_RELATIVE_U
 from inercal.noise.channel_noise import NoiseCoefficient, coefficient_unit
 from inercal.noise.cross_checks import Estimates, gmwm, slopes, wls_log
@@ -216,7 +217,8 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
     if hidden := hidden_terms(selection, seconds):
         found.append(
             f"white noise covers {' and '.join(hidden)} at all averaging times, of which the "
-            f"longest is {seconds / 2:.3g} s: only an upper limit is stated; record longer"
+            f"longest is {format_duration(seconds / 2)}: only an upper limit is stated; record "
+            "longer"
         )
     return found
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import nan, pi, sin, sqrt
 from typing import Literal
 
-from inercal.basics.units import si_factor
+from inercal.basics.units import format_quantity
 from inercal.noise.channel_noise import QUANTITIES, coefficient_unit
 from inercal.noise.sensor_noise import SensorNoise, TriadNoise, root_mean_of_squares
 from inercal.noise.terms import FLICKER_FLOOR
@@ -168,5 +168,4 @@ def minimum_without_flicker(white: float, walk: float) -> float:
 
 def shown(value: float, symbol: str, quantity: SensorKind) -> str:
     """Return a coefficient in the unit in which it is printed: "0.339 °/√h"."""
-    unit = coefficient_unit(symbol, quantity)
-    return f"{value / si_factor(unit):.3g} {unit}"
+    return format_quantity(value, 0.0, coefficient_unit(symbol, quantity), 3)

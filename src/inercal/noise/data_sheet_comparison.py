@@ -6,7 +6,7 @@ from math import isfinite, sqrt
 from typing import Any
 
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_value_and_uncertainty, si_factor
+from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.noise.channel_noise import (
     QUANTITIES,
@@ -67,12 +67,12 @@ class SheetComparison:
     def cells(self) -> tuple[str, ...]:
         """Row of a table with `HEADS`."""
         size = si_factor(self.unit)
-        sheet = f"{self.sheet / size:.3g}"
+        sheet = format_number(self.sheet / size, 3)
         if not self.value:
             measured, ratio = "not found", ""
             if self.limit is not None:
-                measured = f"< {self.limit / size:.3g}"
-                ratio = f"< {self.limit / self.sheet:.3g}"
+                measured = f"< {format_number(self.limit / size, 3)}"
+                ratio = f"< {format_number(self.limit / self.sheet, 3)}"
             return self.channel, self.symbol, measured, "", sheet, self.unit, ratio
         value, spread = format_value_and_uncertainty(self.value / size, COVERAGE * self.u / size)
         share, its = format_value_and_uncertainty(

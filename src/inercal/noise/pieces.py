@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count, format_duration
 from inercal.noise.spectrum import SHORTEST_PIECE
 from inercal.recordings import Recording
 
@@ -107,8 +108,8 @@ def split_at_gaps(recording: Recording) -> Pieces:
         share = total / (time.size + total)
         if share <= LOST_SHARE:
             remarks.append(
-                f"{total} lost samples ({100 * share:.2g} %) in {few.size} gaps of at most "
-                f"{FEW_LOST} were closed up"
+                f"closed up: {format_count(total, 'lost sample')} ({100 * share:.2g} %) in "
+                f"{format_count(few.size, 'gap')} of at most {FEW_LOST}"
             )
             gaps = np.setdiff1d(gaps, few)
     bounds = np.concatenate([[0], gaps + 1, [time.size]])
@@ -123,8 +124,8 @@ def _cut(
     if len(spans) > 1:
         lost = float(sum(time[b] - time[b - 1] - dt for _, b in spans[:-1]))
         remarks.append(
-            f"{len(spans) - 1} gaps, {lost:.4g} s in all, part the recording into {len(kept)} "
-            f"pieces, each with its own likelihood; the Allan deviation has means "
+            f"{len(spans) - 1} gaps, {format_duration(lost)} in all, part the recording into "
+            f"{len(kept)} pieces, each with its own likelihood; the Allan deviation has means "
             "that are at least half full"
         )
     if len(kept) < len(spans):

@@ -157,7 +157,7 @@ def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
         return ""
     return (
         f"the accelerometers read {away[worst] / G0:.2g} g from their median at "
-        f"{starts[worst]:.4g} s, and more than {limit / G0:.2g} g from it in "
+        f"{starts[worst]:.6g} s, and more than {limit / G0:.2g} g from it in "
         f"{100 * np.count_nonzero(away > limit) / away.size:.0f} % of the time"
     )
 
@@ -176,13 +176,13 @@ def _turn(channels: list[_Windows], starts: Array) -> str:
     if changes[worst] > max(LARGEST_TURN / WINDOW, _DEVIATIONS * sd):
         return (
             f"the gyros' rate changes by {np.degrees(changes[worst]):.3g} °/s within 10 s at "
-            f"{starts[worst]:.4g} s, which no bias does"
+            f"{starts[worst]:.6g} s, which no bias does"
         )
     turns = np.linalg.norm([one.angles for one in channels], axis=0)
     worst = int(np.argmax(turns))
     if turns[worst] <= max(LARGEST_TURN, _DEVIATIONS * sd * WINDOW):
         return ""
-    return f"the gyros turn by {np.degrees(turns[worst]):.3g}° within 5 s at {starts[worst]:.4g} s"
+    return f"the gyros turn by {np.degrees(turns[worst]):.3g}° within 5 s at {starts[worst]:.6g} s"
 
 
 def rounding_step(y: Array) -> float:

@@ -2,7 +2,13 @@
 
 from math import inf, isinf
 
-from inercal.basics.units import format_value_and_uncertainty, si_factor
+from inercal.basics.units import (
+    format_duration,
+    format_interval,
+    format_number,
+    format_quantity,
+    format_value_and_uncertainty,
+)
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient
 from inercal.noise.coefficients import length_for
@@ -24,12 +30,19 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
     name = f"{one.symbol}  {one.name}"
     size = one.size
     if one.is_limit:
-        return name, f"< {one.high / size:.3g}", "", f"0 … {one.high / size:.3g}", one.unit, "no"
+        return (
+            name,
+            f"< {format_number(one.high / size, 3)}",
+            "",
+            f"0 … {format_number(one.high / size, 3)}",
+            one.unit,
+            "no",
+        )
     if one.symbol == "T" and isinf(one.u):
         sign = ">" if isinf(one.high) else "<"
-        return name, f"{sign} {one.value / size:.3g}", "", "", one.unit, ""
+        return name, f"{sign} {format_number(one.value / size, 3)}", "", "", one.unit, ""
     value, spread = format_value_and_uncertainty(one.value / size, COVERAGE * one.u / size)
-    ends = f"{one.low / size:.3g} … {one.high / size:.3g}"
+    ends = format_interval(one.value / size, one.low / size, one.high / size)
     tested = {True: "yes", False: "no", None: "" if one.symbol == "T" else "open"}[
         one.is_significant
     ]
@@ -44,15 +57,14 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
         found.append("--skip-band {:.3g}-{:.3g} leaves this band out of the fit".format(*band))
     found += channel.remarks
     shown = SHOWN_UNIT[channel.quantity]
-    size = si_factor(shown)
     for one in channel.drift:
         per = {"ramp": "s", "temperature": "K", "temperature rate": "(K/s)"}[one.name]
-        value, spread = format_value_and_uncertainty(one.value / size, COVERAGE * one.u / size)
-        found.append(f"drift, {one.name}: {value} ± {spread} {shown}/{per} (k = 2), in the fit")
+        size = format_quantity(one.value, COVERAGE * one.u, f"{shown}/{per}")
+        found.append(f"drift, {one.name}: {size} (k = 2), in the fit")
     for line in channel.lines:
         found.append(
-            f"line at {line.frequency:.4g} Hz, amplitude {line.amplitude / size:.3g} {shown}: "
-            "taken out of the fit"
+            f"line at {format_quantity(line.frequency, 0.0, 'Hz', 4)}, amplitude "
+            f"{format_quantity(line.amplitude, 0.0, shown, 3)}: taken out of the fit"
         )
     found += [disturbance_text(one, channel.quantity) for one in channel.disturbances]
     if lengths := recording_lengths(channel):
@@ -76,39 +88,23 @@ def recording_lengths(channel: ChannelNoise) -> list[str]:
             seconds = length_for(
                 channel.fit.as_variances, channel.dt, symbol, relative, channel.fit.markov_time
             )
-            text = "over 30 years" if seconds == inf else duration_text(seconds)
+            text = "over 30 years" if seconds == inf else format_duration(seconds)
             found.append(f"u({symbol}) = {100 * relative:g} %: {text}")
     return found
-
-
-def duration_text(seconds: float) -> str:
-    """Return a time in its natural unit.
-
-    >>> duration_text(107), duration_text(11520)
-    ('107 s', '3.2 h')
-    """
-    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2 * size:
-            return (
-                f"{seconds / size:.2g} {unit}"
-                if seconds < 100 * size
-                else (f"{seconds / size:.0f} {unit}")
-            )
-    return f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"
 
 
 def disturbance_text(one: Disturbance, quantity: SensorKind) -> str:
     """Return the kind, time, length and size of a disturbance."""
     shown = SHOWN_UNIT[quantity]
-    size = one.size / si_factor(shown)
+    size = format_quantity(one.size, 0.0, shown, 3)
     if one.kind == "burst":
         return (
-            f"burst at {one.time:.1f} s, {one.seconds:.3g} s long, {one.size:.2g} times the usual "
-            "scatter"
+            f"burst at {one.time:.1f} s, {format_duration(one.seconds)} long, "
+            f"{format_number(one.size, 2)} times the usual scatter"
         )
     if one.kind == "knock":
-        return f"knock at {one.time:.1f} s, {one.seconds:.3g} s long, of {size:.3g} {shown}"
-    return f"step at {one.time:.1f} s of {size:.3g} {shown}"
+        return f"knock at {one.time:.1f} s, {format_duration(one.seconds)} long, of {size}"
+    return f"step at {one.time:.1f} s of {size}"
 
 
 def filter_remarks(channel: ChannelNoise) -> list[str]:

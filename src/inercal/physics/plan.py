@@ -3,7 +3,7 @@
 The label of a step names its section of the recording.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import acos, cos, degrees, inf, isfinite, pi, sin, sqrt
 from typing import Literal, Protocol
@@ -226,6 +226,10 @@ class Rotation:
 
 HandStep = Hold | Turn
 TableStep = Position | Rotation
+HandSteps = Sequence[HandStep]
+TableSteps = Sequence[TableStep]
+Spins = Sequence[Spin]
+Indexings = Sequence[Index]
 
 
 class Step(Protocol):

@@ -6,23 +6,25 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InercalError, InputError, NotObserved
-from inercal.basics.parameters import Parameter
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches import Bench
 from inercal.calibration import Calibration
+from inercal.calibration.additions import additions_text, doubtful_additions
+from inercal.calibration.advising import also as also_change
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
-from inercal.methods import Fit, Remarks
+from inercal.methods import Fit
 from inercal.methods.temperature import temperature_coefficients
 from inercal.physics.sensors import Sensor
-from inercal.pipeline.advisor import RunAdvisor
+from inercal.pipeline.added_coefficients import with_added_coefficients
+from inercal.pipeline.advisor import RunAdvisor, changed_run
 from inercal.pipeline.calibration_record import (
     bench_estimates,
     provenance,
@@ -31,7 +33,7 @@ from inercal.pipeline.calibration_record import (
     validity,
 )
 from inercal.pipeline.correction import apply, load_recording
-from inercal.pipeline.outcome import Outcome
+from inercal.pipeline.outcome import FittedRun, Outcome
 from inercal.pipeline.qualified_errors import qualification_conditions, uncounted_notes
 from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
@@ -41,11 +43,7 @@ from inercal.pipeline.stated_values import (
     find_assumed_constants,
     require_small_assumed_share,
 )
-from inercal.pipeline.temperature_fit import (
-    TemperatureFit,
-    fit_over_temperatures,
-    with_common_errors,
-)
+from inercal.pipeline.temperature_fit import fit_over_temperatures, with_common_errors
 from inercal.pipeline.zero_rate_check import check_zero_rates
 from inercal.recordings import Finding, merge_findings
 from inercal.recordings.data import EstimatorInput
@@ -66,6 +64,7 @@ def calibrate(
     environment: Mapping[str, object] | None = None,
     specification: Mapping[str, object] | None = None,
     job: Mapping[str, object] | None = None,
+    also: str | Sequence[str] | None = None,
     **data_keys: Any,
 ) -> Outcome:
     """Calibrate from a run file, or from data and sections that are given here. Writes nothing.
@@ -82,6 +81,9 @@ def calibrate(
     sensor, bench, environment, specification, job : mapping
         The keys of these sections of a run file. Files that they name are relative to the working
         folder.
+    also : "auto" or sequence of str, optional
+        In place of [method] also: coefficients beside the method's own; "auto" adds those that the
+        score tests ask for.
     **data_keys
         The keys of [data] of a run file, such as `rate`, `accelerometer`, `kind`. `marks` may be a
         mapping of each label to the samples of its section, (start, end).
@@ -124,34 +126,21 @@ def calibrate(
     if method is not None and not isinstance(data, Run):
         required = {"sensor": sensor or {}, "bench": bench or {}}
         with stated_run(data, sections | required, data_keys) as run:
-            return _calibrate(run, progress)
+            return _calibrate(run, progress, also)
     if data_keys or any(one is not None for one in sections.values()):
         raise TypeError(
             "a run file states all sections: give method with data, or a run file alone"
         )
     if isinstance(data, str | PathLike):
-        return _calibrate(read(fspath(data)), progress)
+        return _calibrate(read(fspath(data)), progress, also)
     if isinstance(data, Run):
-        return _calibrate(data, progress)
+        return _calibrate(data, progress, also)
     raise TypeError(f"data are a {type(data).__name__}: state method, sensor and bench too")
 
 
-class _FittedRun(NamedTuple):
-    """A run, the orders of its temperatures chosen, what was read, and the estimate."""
-
-    run: Run
-    inputs: EstimatorInput
-    thermal: TemperatureFit | None
-    bench: Bench
-    expected: Mapping[str, Parameter]
-    estimate: Estimate
-    findings: tuple[Finding, ...]
-    remarks: Remarks
-    generations: "tuple[Generation, ...]"
-
-
-def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _FittedRun:
+def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) -> FittedRun:
     """Estimate from a run that was read and checked."""
+    stated = run
     inputs = run.kind.observe(run)
     try:
         run, inputs, thermal = fit_over_temperatures(run, inputs)
@@ -243,15 +232,44 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None") -> _Fitte
         noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
         noise_channels=len(sensor.axes),
     )
-    return _FittedRun(
-        run, inputs, thermal, bench, expected, estimate, findings, remarks, tuple(generations)
+    return FittedRun(
+        stated,
+        run,
+        inputs,
+        thermal,
+        bench,
+        expected,
+        estimate,
+        findings,
+        remarks,
+        tuple(generations),
     )
 
 
-def _calibrate(stated: Run, progress: "Callable[[Generation], None] | None") -> Outcome:
+def _advisor(fitted: FittedRun) -> RunAdvisor:
+    run = fitted.run
+    return RunAdvisor(
+        fitted, "rest" if run.method.unknown_attitudes else run.kind.words.row, _fitted
+    )
+
+
+def _calibrate(
+    stated: Run,
+    progress: "Callable[[Generation], None] | None",
+    also: str | Sequence[str] | None = None,
+) -> Outcome:
     """Calibrate from a run that was read and checked; what is advised was tried."""
+    if also is not None:
+        try:
+            stated = changed_run(stated, (also_change(also),))
+        except InputError as error:
+            raise error.located(stated.path) from None
     fitted = _fitted(stated, progress)
-    run, inputs, thermal, bench, expected, estimate, findings, remarks, generations = fitted
+    if stated.adds_coefficients:
+        fitted, advisor, additions = with_added_coefficients(fitted, _advisor)
+    else:
+        advisor, additions = _advisor(fitted), ()
+    _, run, inputs, thermal, bench, expected, estimate, findings, remarks, generations = fitted
     sensor, observations, p = run.sensor, inputs.observations, len(run.sensor.coefficients)
     conditions = {**run_conditions(run, inputs), **remarks.conditions}
     if run.bench_name:
@@ -259,17 +277,12 @@ def _calibrate(stated: Run, progress: "Callable[[Generation], None] | None") -> 
     conditions |= qualification_conditions(run)
     if run.check_standard:
         conditions[CHECK_STANDARD] = run.check_standard
-    row_word = "rest" if run.method.unknown_attitudes else run.kind.words.row
-    possible = run.method.possible(sensor)
-    advisor = RunAdvisor(
-        stated,
-        estimate,
-        expected,
-        possible,
-        row_word,
-        lambda other: _fitted(other, None).estimate,
-    )
-    judged = verdict(estimate, sensor, findings, expected, possible, row_word, advisor)
+    possible, findings = run.method.possible(sensor), findings + doubtful_additions(additions)
+    judged = verdict(
+        estimate, sensor, findings, expected, possible, advisor.row_word, advisor,
+        additions_text(additions, sensor),
+    )  # fmt: skip
+    judged = replace(judged, additions=additions)
     if observations.rounding is not None:
         judged = replace(judged, rounding=observations.rounding.channels)
     value, covariance = estimate.value[:p], estimate.stated_covariance[:p, :p]
@@ -281,7 +294,7 @@ def _calibrate(stated: Run, progress: "Callable[[Generation], None] | None") -> 
         run.estimator,
         conditions,
         provenance(run, inputs),
-        judged.lines,
+        judged.statements,
         "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
         verdict=judged,
         shared=shared_errors(run, estimate, expected, p),
@@ -293,21 +306,21 @@ def _calibrate(stated: Run, progress: "Callable[[Generation], None] | None") -> 
         bench_estimates=bench_estimates(estimate, expected, p),
     )
     return Outcome(
-        calibration,
-        estimate,
-        observations,
-        inputs.steps,
-        bench,
-        run.kind,
-        expected,
-        inputs.recording,
-        inputs.marks,
-        findings,
-        judged,
-        inputs.rests,
-        _search_history(run, generations),
-        thermal,
-        remarks.plots,
+        calibration=calibration,
+        estimate=estimate,
+        observations=observations,
+        steps=inputs.steps,
+        bench=bench,
+        kind=run.kind,
+        expected=expected,
+        recording=inputs.recording,
+        marks=inputs.marks,
+        findings=findings,
+        verdict=judged,
+        rests=inputs.rests,
+        search=_search_history(run, generations),
+        temperature_fit=thermal,
+        plots=remarks.plots,
     )
 
 

@@ -6,7 +6,7 @@ again: it would take as long as the calibration itself.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import ceil, floor, log10
 
@@ -14,13 +14,13 @@ import numpy as np
 
 from inercal.basics.errors import InercalError
 from inercal.basics.keys import CoefficientName, ErrorName
-from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice, Change, with_changes
 from inercal.basics.units import Measured
 from inercal.benches.key_declarations import declarations
 from inercal.calibration.advising import action_on, also
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.estimation import Estimate
+from inercal.pipeline.outcome import FittedRun
 from inercal.runfile import Run, from_sections
 
 _ENOUGH = 0.9  # of the fall of χ² that a cause explains
@@ -45,30 +45,18 @@ class RunAdvisor:
 
     Parameters
     ----------
-    run : Run
-        As the run file states it.
-    estimate : Estimate
-    expected : mapping of str to Parameter
-        The bench's parameters by full name.
-    possible : sequence of str
-        Full names of the coefficients that the method can estimate.
+    fitted : FittedRun
     row_word : str
         Word for a row of the data.
-    calibrated : callable
-        From a run to its estimate.
+    fit : callable
+        From a run to its fit.
     """
 
-    def __init__(
-        self,
-        run: Run,
-        estimate: Estimate,
-        expected: Mapping[str, Parameter],
-        possible: Sequence[str],
-        row_word: str,
-        calibrated: Callable[[Run], Estimate],
-    ) -> None:
-        self._run, self._estimate, self._expected = run, estimate, expected
-        self._possible, self._row_word, self._calibrated = possible, row_word, calibrated
+    def __init__(self, fitted: FittedRun, row_word: str, fit: Callable[[Run], FittedRun]) -> None:
+        self._run, self._estimate, self._expected = fitted.stated, fitted.estimate, fitted.expected
+        self._possible = fitted.run.method.possible(fitted.run.sensor)
+        self.row_word, self._fit = row_word, fit
+        self._tried: dict[str, FittedRun | None] = {}
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
         """Return the keys that count or estimate a cause; an action where none do."""
@@ -83,7 +71,7 @@ class RunAdvisor:
                 best = Advice(cause.name, completed, chi2=after)
             if after < cause.remaining_chi2 + _SAME:
                 break
-        return best or Advice(cause.name, action=action_on(cause, self._row_word))
+        return best or Advice(cause.name, action=action_on(cause, self.row_word))
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
         """Return the key that estimates coefficients of which no test shows anything, if any."""
@@ -110,12 +98,18 @@ class RunAdvisor:
             return None
         return replace(advice, changes=completed, chi2=after)
 
+    def followed(self, advice: Advice) -> FittedRun:
+        """Return the fit with the changed keys of an advice that was given here."""
+        fitted = self._tried[repr(advice.changes)]
+        assert fitted is not None
+        return fitted
+
     def _is_accepted(self, names: tuple[str, ...]) -> bool:
         changes = self._completed((also(names),))
         if self._run.data.kind == "means":
             return self._estimate_after(changes) is not None
         try:
-            self._changed_run(changes)
+            changed_run(self._run, changes)
         except InercalError:
             return False
         return True
@@ -132,19 +126,19 @@ class RunAdvisor:
         """
         if self._run.search is not None:
             return None
-        try:
-            return self._calibrated(self._changed_run(changes))
-        except InercalError:
-            return None
-
-    def _changed_run(self, changes: tuple[Change, ...]) -> Run:
-        run = self._run
-        changed = from_sections(run.path, with_changes(run.sections, changes), run.sha256)
-        return replace(changed, held_files=run.held_files)
+        key = repr(changes)
+        if key not in self._tried:
+            try:
+                self._tried[key] = self._fit(changed_run(self._run, changes))
+            except InercalError:
+                self._tried[key] = None
+        fitted = self._tried[key]
+        return None if fitted is None else fitted.estimate
 
     def _completed(self, changes: tuple[Change, ...]) -> tuple[Change, ...]:
         """Return changes with the coefficients that the run file adds already."""
         stated = self._run.sections.get("method", {}).get("also", ())
+        stated = () if self._run.adds_coefficients else stated
         return tuple(
             replace(one, value=list(dict.fromkeys((*stated, *one.value))))
             if (one.section, one.key) == ("method", "also")
@@ -195,10 +189,11 @@ class RunAdvisor:
             key, size = self._key(name), max(abs(size), typical) if open_ else abs(size)
             if key not in sizes or size > sizes[key][1]:
                 sizes[key] = (full, size)
+        signed = dict(zip(cause.components, departures.tolist(), strict=True))
         return tuple(
             Change("bench", key, harmonics)
             if key == "harmonics"
-            else Change("bench", key, self._text(stated.get(key), full, size))
+            else Change("bench", key, self._text(stated.get(key), full, size, signed[full]))
             for key, (full, size) in sizes.items()
         )
 
@@ -224,13 +219,21 @@ class RunAdvisor:
         stem = re.sub(r"(_[a-z12]|\d)$", "", name)
         return _KEYS.get(name, _KEYS.get(stem, stem))
 
-    def _text(self, stated: str | None, full: str, size: float) -> str:
-        """Return a deviation, or a measured constant with a deviation, as a run file has it."""
+    def _text(self, stated: str | None, full: str, size: float, departure: float) -> str:
+        """Return a deviation, or a measured constant with a deviation, as a run file has it.
+
+        Of a constant that a bench takes as exact: the value that the data show.
+        """
         parameter = self._expected.get(full)
         name = ErrorName(full).name
         unit, factor = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
         deviation = f"{_rounded_up(size * factor)} {unit}"
         value = getattr(self._run.bench, {"g": "gravity"}.get(name, name), None)
+        declared = parameter is not None or name in declarations(type(self._run.bench))
+        if isinstance(value, float) and not declared:
+            angle = unit == "rad"
+            moved = value + departure
+            return f"{np.degrees(moved):.4g} °" if angle else f"{moved * factor:.6g} {unit}"
         if not isinstance(value, Measured):
             return deviation
         before = stated.partition("±")[0].strip() if stated else ""
@@ -245,6 +248,20 @@ class RunAdvisor:
             for name, unit in zip(score.components, score.units, strict=True)
             if name == full
         )
+
+
+def changed_run(run: Run, changes: tuple[Change, ...]) -> Run:
+    """Return a run with changed keys, of the same data where no key of [data] changes.
+
+    Raises
+    ------
+    InputError
+        As of `from_sections`.
+    """
+    changed = from_sections(run.path, with_changes(run.sections, changes), run.sha256)
+    same = not any(one.section.startswith("data") for one in changes)
+    data = run.data if same else changed.data
+    return replace(changed, held_files=run.held_files, data=data)
 
 
 def _rounded_up(size: float) -> str:

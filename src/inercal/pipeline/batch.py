@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.estimation import Estimate
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.run_arguments import stated_run
@@ -57,7 +58,8 @@ class BatchCalibration:
 
     def __repr__(self) -> str:
         n, p = self.values.shape
-        return f"<BatchCalibration: {n} sensors, {self.method}, {self.estimator}, {p} coefficients>"
+        counts = format_count(n, "sensor"), format_count(p, "coefficient")
+        return f"<BatchCalibration: {counts[0]}, {self.method}, {self.estimator}, {counts[1]}>"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -10,45 +10,56 @@ from inercal.basics.arrays import Array
 from inercal.basics.parameters import Parameter
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
-from inercal.benches.report_data import Plot
+from inercal.benches.report_data import Plot, ReportInput
 from inercal.calibration import Calibration
+from inercal.calibration.additions import Addition
 from inercal.calibration.display import to_html
 from inercal.calibration.grade import Verdict
 from inercal.estimation import Estimate
+from inercal.methods import Remarks
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Step
+from inercal.physics.sensors import Sensor
 from inercal.pipeline.temperature_fit import TemperatureFit
-from inercal.recordings import Finding, Mark, Observations, Recording
+from inercal.recordings import Finding
+from inercal.recordings.data import EstimatorInput
 from inercal.recordings.segments import RestDetection
+from inercal.runfile import Run
 
 if TYPE_CHECKING:
-    from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchHistory
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Outcome:
-    """All results of a calibration run, for reports and for inspection.
+class FittedRun(NamedTuple):
+    """A run, the orders of its temperatures chosen, what was read, and the estimate.
+
+    `stated` is the run before its orders were chosen.
+    """
+
+    stated: Run
+    run: Run
+    inputs: EstimatorInput
+    thermal: TemperatureFit | None
+    bench: Bench
+    expected: Mapping[str, Parameter]
+    estimate: Estimate
+    findings: tuple[Finding, ...]
+    remarks: Remarks
+    generations: "tuple[Generation, ...]"
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Outcome(ReportInput):
+    """All results of a calibration run: what its bench reports, `ReportInput`, and the rest.
 
     Parameters
     ----------
     calibration : Calibration
-    estimate : Estimate
-        With the bench's nuisances and the residuals.
-    observations : Observations
-    steps : tuple of Step
-        Of each observation.
-    bench : Bench
     kind : Kind
         Of the bench.
-    expected : mapping of str to Parameter
-        The bench's parameters that act on these steps, by full name, as they were stated.
-    recording : Recording or None
-        None when the data are a table of means.
-    marks : tuple of Mark
     findings : tuple of Finding
         Of the audit and of the checks against the plan.
     verdict : Verdict
-        The grade, its reasons, and lines in plain words; iteration yields the lines.
+        The grade, its reasons, few lines in plain words, and all that explains them.
     rests : RestDetection or None
         Thresholds and marks, where rests were detected without a plan.
     search : SearchHistory or None
@@ -60,14 +71,8 @@ class Outcome:
     """
 
     calibration: Calibration
-    estimate: Estimate
-    observations: Observations
-    steps: tuple[Step, ...]
     bench: Bench
     kind: Kind[Any, Any]
-    expected: Mapping[str, Parameter]
-    recording: Recording | None
-    marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
     verdict: Verdict
     rests: RestDetection | None = None
@@ -78,18 +83,22 @@ class Outcome:
     def __repr__(self) -> str:
         return f"<Outcome: {repr(self.calibration).strip('<>')}>"
 
+    @property
+    def additions(self) -> tuple[Addition, ...]:
+        """The coefficients that `also = "auto"` added, in order."""
+        return self.verdict.additions
+
     def _repr_html_(self) -> str:
         return to_html(self.calibration)
 
-    def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return the motion that the calibrated sensor measured, at the temperatures of the means.
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor with its estimated coefficients."""
+        return self.calibration.sensor
 
-        Parameters
-        ----------
-        w : (r, 3) array, optional
-            Angular rate where the sensor has no gyros, rad/s.
-        """
-        sensor, seen = self.calibration.sensor, self.observations
-        dT = seen.temperature_offset(sensor.reference_temperature)
-        output = sensor.to_output(seen.mean)
+    def sensed_motion(self, w: Array | None = None) -> Motion:
+        """As `ReportInput.sensed_motion`."""
+        seen = self.observations
+        dT = seen.temperature_offset(self.sensor.reference_temperature)
+        output = self.sensor.to_output(seen.mean)
         return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)

@@ -25,7 +25,7 @@ import scipy
 
 from inercal.basics.arrays import Array
 from inercal.basics.keys import ObservationName
-from inercal.basics.units import format_value_and_uncertainty, si_factor
+from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor
 from inercal.estimation import Estimate
 from inercal.estimation.noise_scale import noise_scale
 from inercal.physics.plan import Rotation, Spin, Step, Turn
@@ -210,7 +210,9 @@ def _means_finding(section: str, ratio: float) -> Finding:
 
 def _times(ratio: float) -> str:
     """Return how much too large or too small a stated noise is."""
-    return f"{ratio:.2g} times too large" if ratio > 1 else f"{1 / ratio:.2g} times too small"
+    return (
+        f"{format_number(max(ratio, 1 / ratio), 2)} times too {'large' if ratio > 1 else 'small'}"
+    )
 
 
 def _is_at_rest(step: Step) -> bool:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, format_quantity
 from inercal.estimation import Estimate
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.section_settings import key_error
@@ -155,7 +155,7 @@ class TemperatureFit:
     def _largest_loop(self) -> str:
         """Return the largest loop of each kind of axes, in words."""
         texts: list[str] = []
-        for kind, (size, unit) in BIAS_UNITS.items():
+        for kind, (_, unit) in BIAS_UNITS.items():
             own = [k for k, axis in enumerate(self.axes) if axis.measures == kind]
             if not own:
                 continue
@@ -164,8 +164,8 @@ class TemperatureFit:
                 key=lambda pair: abs(float(pair[0].half[pair[1]])),
             )
             celsius = at.temperature - ZERO_CELSIUS
-            half = float(at.half[k]) / size
-            texts.append(f"{half:+.3g} {unit} of {self.axes[k].name} at {celsius:.1f} °C")
+            half = format_quantity(float(at.half[k]), 0.0, unit, 3)
+            texts.append(f"{half} of {self.axes[k].name} at {celsius:.1f} °C")
         return (
             f"half the loop between rising and falling temperature is at most {', '.join(texts)}; "
             "it is not corrected"

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
-from inercal.basics.units import format_quantity
+from inercal.basics.units import format_number, format_quantity
 from inercal.basics.units.expression import read_unit
 from inercal.estimation.uncertainty.rounding import mean_rounding_variance
 from inercal.physics.quantities import QUANTITIES
@@ -265,7 +265,7 @@ def _rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple
             )
             names = ", ".join(c.channel for c in some)
             size = read_unit(quantity.bias_unit).size
-            errors = ", ".join(f"{c.channel} ± {2 * c.std / size:.2g}" for c in some)
+            errors = ", ".join(f"{c.channel} ± {format_number(2 * c.std / size, 2)}" for c in some)
             what = (
                 f"{quantity.sensors} read one value within a band of {sizes} ({names})"
                 if dead

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.line_numbers import LineBreaks, line_of_row
+from inercal.basics.units import format_count
 from inercal.recordings.findings import Finding
 
 STAMP_ROUNDING = 2e-6  # s: stamps in whole µs, or since 1970 in s as float64, are rounded by less
@@ -117,11 +118,13 @@ class Recording:
         if len(set(self.channels)) != m or m == 0:
             self._refuse("channels", f"channels must have distinct names, not {self.channels}")
         if len(self.units) != m:
-            self._refuse("units", f"{len(self.units)} units for {m} channels")
+            self._refuse(
+                "units", f"{format_count(len(self.units), 'unit')} for {format_count(m, 'channel')}"
+            )
         if self.data.shape[-2:] != (n, m):
             self._refuse("data", f"data must have the shape (..., {n}, {m}), not {self.data.shape}")
         if self.labels is not None and self.labels.shape != (n,):
-            self._refuse("labels", f"{self.labels.size} labels for {n} samples")
+            self._refuse("labels", f"{format_count(self.labels.size, 'label')} for {n} samples")
         along = dict(self.readback)
         if self.temperature is not None:
             along["temperature"] = self.temperature

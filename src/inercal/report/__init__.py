@@ -34,6 +34,8 @@ def write_report(
     path: str | Path,
     truth: Mapping[str, float] | None = None,
     history: "SensorHistory | None" = None,
+    *,
+    for_customer: bool = False,
 ) -> Path:
     """Write the report; the file appears whole or not at all. Return its path.
 
@@ -45,6 +47,8 @@ def write_report(
         Of a simulation: coefficients in SI by full name; those missing are zero.
     history : SensorHistory, optional
         Of the sensor's calibrations, which becomes a section.
+    for_customer : bool
+        Whether keys of the run file and what to do next are left out.
 
     Raises
     ------
@@ -53,7 +57,7 @@ def write_report(
     """
     with _extras():
         from inercal.report.calibration_page import calibration_page
-    return write_text(path, calibration_page(outcome, truth, history))
+    return write_text(path, calibration_page(outcome, truth, history, for_customer=for_customer))
 
 
 def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":

@@ -1,6 +1,5 @@
 """The page of a report: what each of its sections says, and the template that holds them."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isnan, nan
@@ -12,12 +11,16 @@ from markupsafe import Markup
 from inercal.basics.keys import CoefficientName
 from inercal.benches.report_data import MeasuredDirection
 from inercal.benches.turntable import is_turntable
+from inercal.calibration.explanation import (
+    EXPLAIN,
+    customer_lines,
+    customer_sections,
+    without_operator_words,
+)
 from inercal.calibration.specification import LimitRow, conformity_lines, limit_row
 from inercal.calibration.suspect_text import p_value_text
-from inercal.calibration.verdict import UNDETECTED_END, UNDETECTED_START
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.physics.plan import Hold, Rotation, Spin, Step, Turn
-from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.pipeline import Outcome
 from inercal.report import filter_figures, report_tables
 from inercal.report.drawing import draw_plot
@@ -40,7 +43,12 @@ if TYPE_CHECKING:
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.units import ZERO_CELSIUS, format_value_and_uncertainty
+from inercal.basics.units import (
+    ZERO_CELSIUS,
+    format_count,
+    format_duration,
+    format_value_and_uncertainty,
+)
 from inercal.calibration.temperature_curves import TemperatureCurve, temperature_curves
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.pipeline.temperature_fit import SoakLeftOut
@@ -48,48 +56,13 @@ from inercal.pipeline.temperature_orders import OrderTest
 from inercal.report import drawing
 from inercal.report.report_tables import typeset_minus
 
-_COMMA = re.compile(r", (?![^(]*\))")  # outside brackets
-
-
-@dataclass(frozen=True)
-class VerdictLine:
-    """A line of a verdict after its first.
-
-    Parameters
-    ----------
-    text : str
-        Of the line; of a folded one, what stands after the list, or empty.
-    causes : tuple of (str, str, str)
-        Name, meaning and size of each cause that the data cannot show; empty of other lines.
-    """
-
-    text: str
-    causes: tuple[tuple[str, str, str], ...] = ()
-
-
-def verdict_lines(lines: Sequence[str]) -> tuple[VerdictLine, ...]:
-    """Return the lines of a verdict, with the causes that the data cannot show as a list."""
-    found: list[VerdictLine] = []
-    for text in lines:
-        causes: tuple[tuple[str, str, str], ...] = ()
-        if text.startswith(UNDETECTED_START):
-            listed, _, text = text.partition(UNDETECTED_END)[2].partition("; ")
-            causes = tuple(_cause(one) for one in _COMMA.split(listed))
-        found.append(VerdictLine(text, causes))
-    return tuple(found)
-
-
-def _cause(text: str) -> tuple[str, str, str]:
-    name, _, size = text.removesuffix(")").partition(" (")
-    term = CoefficientName(name).term
-    meaning = next(
-        (one.meaning for table in TABLES.values() for one in table if one.name == term), ""
-    )
-    return name, meaning, size
-
 
 def calibration_page(
-    outcome: Outcome, truth: Mapping[str, float] | None, register: "SensorHistory | None" = None
+    outcome: Outcome,
+    truth: Mapping[str, float] | None,
+    register: "SensorHistory | None" = None,
+    *,
+    for_customer: bool = False,
 ) -> str:
     """Return the whole page, HTML.
 
@@ -100,6 +73,8 @@ def calibration_page(
         Of a simulation, SI.
     register : SensorHistory, optional
         Of the sensor's calibrations.
+    for_customer : bool
+        Whether keys of the run file and what to do next are left out.
     """
     estimate, calibration = outcome.estimate, outcome.calibration
     kind = outcome.kind
@@ -107,6 +82,11 @@ def calibration_page(
     grids, pulls = report_tables.bench_tables(outcome)
     recording = outcome.recording
     chosen = calibration.sensor.coefficients
+    lines, sections = outcome.verdict.lines, outcome.verdict.explanation
+    findings = [(one, one.message) for one in outcome.findings]
+    if for_customer:
+        lines, sections = customer_lines(lines), customer_sections(sections)
+        findings = [(one, without_operator_words(text)) for one, text in findings]
     return render(
         "page.html",
         minus=report_tables.typeset_minus,
@@ -116,7 +96,10 @@ def calibration_page(
         outcome=outcome,
         date=calibration.provenance.get("created", "").partition("T")[0],
         verdict=outcome.verdict,
-        verdict_lines=verdict_lines(outcome.verdict.lines[1:]),
+        verdict_lines=[line.removesuffix(f" {EXPLAIN}") for line in lines[1:]],
+        explanation=sections,
+        findings=findings,
+        for_customer=for_customer,
         facts=key_facts(outcome),
         groups=report_tables.coefficients(outcome, truth),
         simulated=truth is not None,
@@ -227,19 +210,19 @@ def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
         result.append(("Data", "means, read in as a table"))
     else:
         rate = f"{recording.rate_hz:.4g} Hz"
-        size = f"{recording.time.size} samples\n{recording.duration:.4g} s at {rate}"
+        size = f"{recording.time.size} samples\n{format_duration(recording.duration)} at {rate}"
         result.append(("Data", size))
     result.append(("Gravity", outcome.calibration.conditions.get("gravity", "")))
-    used = f"{holds} position{'s' * (holds != 1)}"
+    used = format_count(holds, "position")
     if spins:
         rates = len({round(abs(step.rate), 3) for step in spins})
         words = outcome.kind.words
         used = (
-            f"{len(spins)} {words.rows}\nat {rates} rate{'s' * (rates != 1)} of the "
+            f"{len(spins)} {words.rows}\nat {format_count(rates, 'rate')} of the "
             f"{words.turning_device}"
         )
     if turns:
-        used += f"\n{turns} turn{'s' * (turns != 1)}"
+        used += f"\n{format_count(turns, 'turn')}"
     result.append(("Used", used))
     return [(name, text) for name, text in result if text]
 

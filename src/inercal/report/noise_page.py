@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from inercal.basics.units import si_factor
+from inercal.basics.units import format_duration, format_value_and_uncertainty, si_factor
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.data_sheet import DataSheetNoise
 from inercal.noise.data_sheet_comparison import HEADS, compare_with_sheet, kind_remarks
@@ -44,7 +44,7 @@ def noise_page(
     return render(
         "noise.html",
         name=name or "recording",
-        duration=f"{analysis.duration:.4g}",
+        duration=format_duration(analysis.duration),
         rate=f"{1 / analysis.channels[0].dt:.5g}",
         tone="bad" if moved else "good" if good and not disturbed else "care",
         head="The sensor was not at rest"
@@ -108,7 +108,7 @@ def _comparison(channel: ChannelNoise) -> list[tuple[str, ...]]:
                 cells.append("")
                 continue
             value, u = found[one.symbol]
-            spread = f" ± {u / one.size:.2g}" if u < 1e300 else ""
-            cells.append(f"{value / one.size:.4g}{spread}")
+            shown = format_value_and_uncertainty(value / one.size, u / one.size)
+            cells.append(" ± ".join(shown if u < 1e300 else shown[:1]))
         rows.append((method, *cells))
     return [("method", *(f"{one.symbol}, {one.unit}" for one in channel.coefficients)), *rows]

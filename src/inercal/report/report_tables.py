@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter, display_unit
-from inercal.basics.units import format_value_and_uncertainty
+from inercal.basics.units import format_number, format_value_and_uncertainty
 from inercal.calibration.best_cause import familywise_p_value
 from inercal.calibration.suspect_text import format_component, p_value_text
 from inercal.estimation import Estimate, ScoreTest
@@ -208,7 +208,7 @@ def _label_grid(
 
 
 def _stated_text(parameter: Parameter, si: float) -> str:
-    return f"{parameter.value / si:.3g} ± {parameter.sd / si:.3g}"
+    return " ± ".join(format_number(x / si, 3) for x in (parameter.value, parameter.sd))
 
 
 def strongest_correlations(estimate: Estimate) -> list[str]:

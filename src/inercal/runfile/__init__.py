@@ -32,6 +32,7 @@ from inercal.runfile.method_section import (
     nominal_plan,
     require_frame,
     search_options,
+    stated_also,
     stated_plan_keys,
 )
 from inercal.runfile.qualified_bench import (
@@ -156,7 +157,7 @@ def _build_run(
     ordered = terms_of_order(
         schema.method.temperature_order, full_sensor, chosen.possible(full_sensor)
     )
-    also = (*schema.method.also, *ordered)
+    also = (*stated_also(schema.method, chosen), *ordered)
     sensor = chosen.prepare(full_sensor, schema.method.coefficients, also)
     if not isinstance(bench, chosen.bench):
         needed = kind_name_for_class(chosen.bench)

@@ -79,6 +79,27 @@ def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str)
     return value
 
 
+def stated_also(section: MethodSection, chosen: Method[Any, Any]) -> tuple[str, ...]:
+    """Return the coefficients that [method] also states; none of "auto".
+
+    Raises
+    ------
+    InputError
+        "auto" for an estimator whose formulas have no place for more.
+    """
+    if section.also != "auto":
+        return section.also
+    if section.estimator in chosen.closed_formulas:
+        other = next(iter(chosen.estimators))
+        raise InputError(
+            f'[method] also: "auto" is not possible with estimator {section.estimator}, whose '
+            f"formulas have no place for more coefficients; use estimator {other}, or remove also",
+            key="[method] also",
+            names=(section.estimator,),
+        )
+    return ()
+
+
 def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
     """Refuse a stated frame where the estimator has a frame of its own.
 

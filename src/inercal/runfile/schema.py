@@ -124,8 +124,10 @@ class MethodSection(Section):
     coefficients: tuple[str, ...] = Field(
         (), description="instead of the method's own choice", examples=[["bias", "scale"]]
     )
-    also: tuple[str, ...] = Field(
-        (), description="in addition to the method's own choice", examples=[["g", "k2"]]
+    also: Literal["auto"] | tuple[str, ...] = Field(
+        (),
+        description="in addition to the method's own choice; 'auto': what the score tests ask for",
+        examples=[["g", "k2"], "auto"],
     )
     temperature_order: Literal["auto"] | tuple[int, int, int] | None = Field(
         None,

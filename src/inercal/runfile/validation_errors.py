@@ -16,6 +16,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.benches.kinds import KINDS
 from inercal.recordings.data import DataSection
 from inercal.recordings.io.readers import known_options
@@ -155,7 +156,7 @@ def _describe_wrong_value(
     """Return what is wrong with the value of a key."""
     types = _annotation_types(place.annotation)
     if kind in ("too_short", "too_long"):
-        return f"the list has {len(value)} items; give {len(get_args(types[0]))}"
+        return f"the list has {format_count(len(value), 'item')}; give {len(get_args(types[0]))}"
     if kind == "greater_than_equal":
         return f"{_format_value(value)} is too small; give {context['ge']} or more"
     if kind == "greater_than":
@@ -163,7 +164,8 @@ def _describe_wrong_value(
     if kind == "string_pattern_mismatch":
         return f"{_format_value(value)} is not possible{_example_clause(place, '; give text')}"
     if get_origin(types[0]) is Literal:
-        return _not_possible(value, get_args(types[0]))
+        lists = [_example_clause(place, " or a list") for one in types if get_origin(one) is tuple]
+        return "".join((_not_possible(value, get_args(types[0])), *lists))
     if types == (bool,):
         return _not_possible(value, ("true", "false"))
     if types in ((int,), (float,)):

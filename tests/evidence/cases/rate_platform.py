@@ -71,7 +71,8 @@ def rates_and_poses() -> Case:
         y = sensor_models.gyros(v, w, f, np.linspace(-0.5, 0.5, n))
         for a in range(3):
             y[setting == 1, a] += v.get(f"turn_on_{'xyz'[a]}", 0.0)
-            y[:, a] += v.get("scale3", 0.0) * w[:, a] ** 3
+            cubic = v.get("scale3", 0.0) + v.get(f"g{'xyz'[a]}.scale3", 0.0)
+            y[:, a] += cubic * w[:, a] ** 3
         y[2, 0] += v.get("step", 0.0)
         return y.ravel()
 

@@ -131,6 +131,19 @@ def test_a_latecomer_is_told_the_state_and_alarms_before_anything_of_the_past():
     assert past[1:] == ["E1", "E2"]
 
 
+def test_a_latecomer_at_a_manual_session_is_told_the_trend_of_its_last_minute():
+    made = MessageHistory(keeps_trend=True)
+    made.add_message("state", json.dumps({"time": 0.0, "table": None, "manual": []}))
+    for k in range(1, 1001):
+        table, manual = {"axes": [{"angle": k}, {"angle": -k}]}, [{"set": 0.5}, {"set": None}]
+        told = {"time": k / 10, "table": table, "manual": manual}
+        made.add_message("state", json.dumps(told))
+    pieces = [json.loads(text) for text in made.past()]
+    assert {one["kind"] for one in pieces} == {"trend"}
+    points = [point for one in reversed(pieces) for point in one["points"]]
+    assert points == [[k / 10, [k, -k], [0.5, None]] for k in range(401, 1001)]
+
+
 @pytest.mark.parametrize("count", [1, 599, 600, 601, 5000, 100_000])
 def test_estimates_are_thinned_evenly_and_the_last_is_told_first(count: int):
     present, past = told(*(("estimates", str(k)) for k in range(count)))

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from inercal.basics.errors import InercalError, InputError
+from inercal.basics.units import format_duration
 
 LOCAL = "local"
 """Instead of the address of a scheduler: this machine."""
@@ -35,7 +36,7 @@ class TimeExceeded(WorkerLost):
     @classmethod
     def of(cls, step: int, limit: float) -> Self:
         """Return the error of a step with its limit, s."""
-        error = cls(f"stopped after {limit:.3g} s")
+        error = cls(f"stopped after {format_duration(limit)}")
         error.step, error.limit = step, limit
         return error
 

@@ -10,16 +10,23 @@ text with units. Three choices differ from a general units library:
 """
 
 from inercal.basics.units.expression import ZERO_CELSIUS, si_factor, to_si
-from inercal.basics.units.quantity import (
-    Measured,
+from inercal.basics.units.formatting import (
+    format_count,
+    format_duration,
+    format_interval,
+    format_number,
     format_quantity,
     format_value_and_uncertainty,
-    parse_quantity,
 )
+from inercal.basics.units.quantity import Measured, parse_quantity
 
 __all__ = [
     "ZERO_CELSIUS",
     "Measured",
+    "format_count",
+    "format_duration",
+    "format_interval",
+    "format_number",
     "format_quantity",
     "format_value_and_uncertainty",
     "parse_quantity",

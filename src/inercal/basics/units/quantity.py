@@ -1,4 +1,4 @@
-"""Quantities as text, "0.5 m ± 5 µm (k=2)": reading and writing."""
+"""Quantities read from text, "0.5 m ± 5 µm (k=2)"."""
 
 import math
 import re
@@ -97,56 +97,6 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
         unit = unit or _shared_unit(number, sd_unit, like)
         value = _value(number, unit, like)
         return Measured(value, _sd(value, unit, sd, sd_unit, like) / (k or 1.0))
-
-
-def format_quantity(value: float, sd: float, unit: str) -> str:
-    """Return a quantity as text, rounded to two significant digits of its uncertainty.
-
-    Parameters
-    ----------
-    value, sd : float
-        SI. An `sd` of 0 is not printed; an `sd` that is not finite is printed unrounded.
-    unit : str
-        The unit to print in; "1" prints none.
-
-    Examples
-    --------
-    >>> format_quantity(1.2346e-4, 4.03e-6, "µg")
-    '12.59 ± 0.41 µg'
-    """
-    read = read_unit(unit)
-    value, sd = (value - read.offset) / read.size, sd / read.size
-    after = "" if unit == "1" else f" {unit}"
-    if sd == 0 or not math.isfinite(value):
-        return f"{value:.7g}{after}"
-    if not math.isfinite(sd):
-        return f"{value:.7g} ± {sd:g}{after}"
-    last = int(f"{sd:.1e}".partition("e")[2]) - 1  # decimal place of the sd's second digit
-    first = math.floor(math.log10(max(abs(value), sd)))
-    power = 0 if -4 <= first < 7 else first
-    tail = f"e{power}" if power else ""
-    value, sd = (round(x, -last) / 10.0**power + 0.0 for x in (value, sd))  # + 0.0: no "-0.0"
-    places = max(power - last, 0)
-    return f"{value:.{places}f}{tail} ± {sd:.{places}f}{tail}{after}"
-
-
-def format_value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Return both numbers as text, rounded to two significant digits of the uncertainty.
-
-    Examples
-    --------
-    >>> format_value_and_uncertainty(-0.123456, 0.00123)
-    ('-0.1235', '0.0012')
-    >>> format_value_and_uncertainty(54321.2, 1234.0)
-    ('54300', '1200')
-    """
-    if not (math.isfinite(uncertainty) and uncertainty > 0):
-        return f"{value:.7g}", f"{uncertainty:g}"
-    places = 1 - int(f"{uncertainty:.1e}".partition("e")[2])
-    rounded = (round(x, places) + 0.0 for x in (value, uncertainty))  # + 0.0: no "-0"
-    shown = max(places, 0)
-    first, second = (f"{x:.{shown}f}" for x in rounded)
-    return first, second
 
 
 def _plain_quantity(text: object, like: str) -> str:

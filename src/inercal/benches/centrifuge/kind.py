@@ -14,7 +14,6 @@ from inercal.benches.centrifuge.simulation import arm_plan_duration, simulate_ar
 from inercal.benches.kind_definition import (
     Effect,
     Kind,
-    import_when_called,
     simulate_without_sensor,
 )
 from inercal.benches.report_data import (
@@ -25,6 +24,7 @@ from inercal.benches.report_data import (
 )
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import G0
+from inercal.recordings.data import EstimatorInput, RunBase
 
 _NONE = Measured(0.0, 0.0)
 
@@ -48,6 +48,13 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     )
 
 
+def _observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
+    """Return the observations of a run; what they load, plans do not use."""
+    from inercal.benches.centrifuge.reading import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "centrifuge",
     Centrifuge,
@@ -55,7 +62,7 @@ KIND = Kind(
     CentrifugeData,
     build,
     (Spin,),
-    import_when_called("inercal.benches.centrifuge.reading", "observe"),
+    _observe,
     simulate_without_sensor(simulate_arm_motion),
     arm_plan_duration,
     effects=(

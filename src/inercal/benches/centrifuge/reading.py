@@ -13,7 +13,7 @@ from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.physics.plan import Spin, arm_attitude
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding
-from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
     position_name,
@@ -30,7 +30,7 @@ from inercal.recordings.segments import average_dwells, find_dwells
 _HARMONICS = 2  # of a reading quadratic in the sensed motion; a cubic reading has a third
 
 
-def observe(run: Source[CentrifugeData]) -> EstimatorInput:
+def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
     """Return the observations of a run on a centrifuge.
 
     Raises
@@ -72,7 +72,7 @@ def observe(run: Source[CentrifugeData]) -> EstimatorInput:
 
 
 def _norm_finding(
-    run: Source[CentrifugeData], bench: Centrifuge, inputs: EstimatorInput
+    run: RunBase[CentrifugeData], bench: Centrifuge, inputs: EstimatorInput
 ) -> Finding | None:
     """Return the refusal of readings whose norms disagree with radius, rate and gravity."""
     rates = np.array([step.rate for step in inputs.steps if isinstance(step, Spin)])
@@ -92,7 +92,7 @@ def _norm_finding(
     return finding if finding is not None and finding.severity == "refused" else None
 
 
-def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
+def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     if bench.platform != "locked":
         raise key_error(
             "[bench] platform",
@@ -142,7 +142,7 @@ def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     return EstimatorInput(None, (), observations, steps, steps, (), _conditions(bench))
 
 
-def _recording(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
+def _recording(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     recording, units = load_recording(run), readback_units(run)
     recording = replace(
         recording,

@@ -5,6 +5,7 @@ from math import pi
 
 import numpy as np
 
+from inercal.basics.units import format_duration
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.benches.centrifuge.simulation import head_angles_of_attitude
@@ -12,11 +13,11 @@ from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.physics.plan import Spin, describe_direction
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 
 
-def sheet(run: Source[CentrifugeData]) -> Sheet:
+def sheet(run: RunBase[CentrifugeData]) -> Sheet:
     """Return the dwells of a run's plan.
 
     Raises
@@ -66,7 +67,7 @@ def sheet(run: Source[CentrifugeData]) -> Sheet:
     head_units = [f"{name}, {data.attitude_unit}" for name in ("ψ", "θ")]
     return Sheet(
         f"{len(rows)} dwells in {len(positions)} attitudes, "
-        f"{sum(step.seconds for step in steps) / 60:.3g} min in all",
+        f"{format_duration(sum(step.seconds for step in steps))} in all",
         (
             Heading("row", align_right=True),
             Heading("position"),
@@ -89,7 +90,7 @@ def sheet(run: Source[CentrifugeData]) -> Sheet:
     )
 
 
-def _by_attitude(run: Source[CentrifugeData]) -> list[Spin]:
+def _by_attitude(run: RunBase[CentrifugeData]) -> list[Spin]:
     """Return the dwells of the plan, those of one attitude together, in the order of the plan."""
     steps = [step for step in run.steps if isinstance(step, Spin)]
     order = {attitude: k for k, attitude in enumerate(attitude_names(steps))}

@@ -5,6 +5,7 @@ from math import pi
 
 import numpy as np
 
+from inercal.basics.units import format_quantity
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance
 from inercal.benches.dividing_head.passes import first_visit_rows, pass_numbers
@@ -14,7 +15,7 @@ from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Observations
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 
 _PHASE = 10.0  # °, the largest error of a fixture
 _SWING = (0.5, 2.0)  # times g
@@ -26,7 +27,7 @@ _REPEATED = 4  # repeated positions that determine the usual difference
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
 
 
-def require_small_readings(run: Source[DividingHeadData], steps: Sequence[Index]) -> None:
+def require_small_readings(run: RunBase[DividingHeadData], steps: Sequence[Index]) -> None:
     """Refuse readings beyond the range of a level or an autocollimator: their unit is wrong.
 
     Raises
@@ -47,7 +48,7 @@ def require_small_readings(run: Source[DividingHeadData], steps: Sequence[Index]
 
 
 def require_phases(
-    run: Source[DividingHeadData], observations: Observations, steps: Sequence[Index]
+    run: RunBase[DividingHeadData], observations: Observations, steps: Sequence[Index]
 ) -> None:
     """Refuse accelerometers whose readings do not have 1 g amplitude and the mounting's phase.
 
@@ -164,5 +165,4 @@ def repeat_visit_warnings(
 
 
 def _format_in_g(size: float) -> str:
-    in_g = abs(size) / G0
-    return f"{in_g * 1e6:.3g} µg" if in_g < 1e-3 else f"{in_g * 1e3:.3g} mg"
+    return format_quantity(abs(size), 0.0, "µg", 3)

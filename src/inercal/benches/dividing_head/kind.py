@@ -1,14 +1,21 @@
 """A dividing head, as a kind of bench."""
 
+from typing import TYPE_CHECKING
+
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.benches.dividing_head.report import describe_position, directions, plots
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.dividing_head.simulation import simulate_head_motion
-from inercal.benches.kind_definition import Kind, Output, Vocabulary, import_when_called
+from inercal.benches.kind_definition import Kind, Output, Vocabulary
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
+from inercal.recordings import Recording
+from inercal.recordings.data import EstimatorInput, RunBase
+
+if TYPE_CHECKING:
+    from inercal.recordings.segments import RestDetection
 
 
 def _sensor(
@@ -29,6 +36,20 @@ def _sensor(
     return mounted_sensor(name, "ab"[: len(columns)], *accelerometer)
 
 
+def _observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
+    """Return the observations of a run; what they load, plans do not use."""
+    from inercal.benches.dividing_head.reading import observe
+
+    return observe(run)
+
+
+def _rests(run: RunBase[DividingHeadData], recording: Recording) -> "RestDetection":
+    """Return the rests in a refused recording."""
+    from inercal.recordings.data.rest_marks import rests_without_plan
+
+    return rests_without_plan(run, recording)
+
+
 KIND = Kind(
     "dividing_head",
     DividingHead,
@@ -36,12 +57,12 @@ KIND = Kind(
     DividingHeadData,
     build,
     (Index,),
-    import_when_called("inercal.benches.dividing_head.reading", "observe"),
+    _observe,
     simulate_head_motion,
     words=Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
     sensor=_sensor,
     sheet=sheet,
-    rests=import_when_called("inercal.recordings.data.rest_marks", "rests_without_plan"),
+    rests=_rests,
     directions=directions,
     plots=plots,
     row=describe_position,

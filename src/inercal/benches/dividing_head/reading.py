@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_quantity
+from inercal.basics.units import format_count, format_quantity
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
@@ -29,7 +29,7 @@ from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding, Mark, Recording
-from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
@@ -43,11 +43,10 @@ from inercal.recordings.data.recording_loader import (
 from inercal.recordings.data.rest_marks import check_rests, stated_marks
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
-from inercal.recordings.segments import check_marks, find_rests
-from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments import average_sections, check_marks, find_rests
 
 
-def observe(run: Source[DividingHeadData]) -> EstimatorInput:
+def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     """Return the observations of a run on a dividing head.
 
     Raises
@@ -76,7 +75,7 @@ _FEW = 4  # positions that may be within 6.28°
 _TURNS = 60.0  # rad; no run turns this far
 
 
-def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput:
+def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInput:
     named, units = readback_columns(run), readback_units(run)
     wanted = reader_columns(run)
     path = run.file(run.data.file)
@@ -116,7 +115,7 @@ _WANTED = {
 }
 
 
-def _require_filled(run: Source[DividingHeadData], table: Table) -> None:
+def _require_filled(run: RunBase[DividingHeadData], table: Table) -> None:
     names = [str(column) for column in run.data.accelerometer]
     read = [table.columns[name] for name in names]
     if all(column.dtype.kind == "f" and not np.isfinite(column).any() for column in read):
@@ -128,7 +127,7 @@ def _require_filled(run: Source[DividingHeadData], table: Table) -> None:
         )
 
 
-def _require_unit(run: Source[DividingHeadData], angle: Array) -> None:
+def _require_unit(run: RunBase[DividingHeadData], angle: Array) -> None:
     """Refuse angles in another unit than the stated one: a turn is 6.28 rad or 360°."""
     reach, given = float(np.abs(angle).max(initial=0.0)), run.data.angle_unit
     little = given in ("°", "deg") and angle.size > _FEW and reach < 2 * pi
@@ -142,7 +141,7 @@ def _require_unit(run: Source[DividingHeadData], angle: Array) -> None:
         )
 
 
-def _recording(run: Source[DividingHeadData]) -> EstimatorInput:
+def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
     recording, units = load_recording(run), readback_units(run)
     readback = {name: values * units[name] for name, values in recording.readback.items()}
     found = run.data.marks == "found"
@@ -157,7 +156,7 @@ def _recording(run: Source[DividingHeadData]) -> EstimatorInput:
     names = None if found else [mark.label for mark in marks]
     steps = _steps(names, means | {"angle": np.array(angles)})
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
-    observations = averaged(recording, run.sensor, marks, steps, found=True)
+    observations = average_sections(recording, run.sensor, marks, steps, found=True)
     findings = recording.findings + moving
     return EstimatorInput(recording, marks, observations, steps, steps, findings)
 
@@ -224,7 +223,7 @@ def _collimated_positions(bench: DividingHead, angle: Array) -> NDArray[np.bool_
 
 
 def _missing_trim_positions(
-    run: Source[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
+    run: RunBase[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
 ) -> tuple[Finding, ...]:
     """Return warnings of passes that lack a position at which the head is trimmed.
 
@@ -253,15 +252,16 @@ def _missing_trim_positions(
 
 
 def _conditions(
-    run: Source[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
+    run: RunBase[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
 ) -> dict[str, str]:
     count = len(pass_names(steps))
     g = bench.gravity
     found = {
         "gravity": format_quantity(g.value, g.sd, "m/s²")
         + (" (taken as exact)" if g.sd == 0 else ""),
-        "positions": f"{len(set(first_visit_rows(steps)))}, {len(steps)} rows in {count} "
-        f"pass{'es' * (count > 1)}" + (": drift does not cancel" if count == 1 else ""),
+        "positions": f"{len(set(first_visit_rows(steps)))}, {len(steps)} rows in "
+        + format_count(count, "pass", "passes")
+        + (": drift does not cancel" if count == 1 else ""),
         "head's error, rms (k = 1)": f"{bench.rms * 648_000 / pi:.3g} ″",
         "autocollimation": bench.collimated,
     }

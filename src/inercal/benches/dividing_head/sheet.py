@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from math import degrees, pi
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count, format_duration
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.passes import (
     CARDINAL_ANGLES,
@@ -27,13 +28,13 @@ from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import EntryField, Heading, Sheet, SheetRow
 from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 
 _DEGREE, _MINUTE = 360_000, 6_000  # in 0.01″
 
 
-def sheet(run: Source[DividingHeadData]) -> Sheet:
+def sheet(run: RunBase[DividingHeadData]) -> Sheet:
     """Return the positions of a run, pass by pass.
 
     Raises
@@ -76,7 +77,7 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     seconds = sum(step.seconds for step in steps)
     columns = (data.angle, *data.accelerometer, data.autocollimator, data.level)
     return Sheet(
-        f"{len(result)} positions, {seconds:.0f} s of holding in all",
+        f"{len(result)} positions, {format_duration(seconds)} of holding in all",
         (
             Heading("row", align_right=True),
             Heading("label", label=True),
@@ -91,8 +92,8 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
         (data.label, *columns) if label else columns,
         _entry_fields(data, run.sensor, collimated=collimated),
         (
-            f"{len(result)} positions in {len(first)} pass{'es' * (len(first) > 1)}",
-            f"{seconds / 60:.0f} min of holding, moves besides",
+            f"{len(result)} positions in {format_count(len(first), 'pass', 'passes')}",
+            f"{format_duration(seconds)} of holding, moves besides",
             f"autocollimation: {bench.collimated}",
             f"g = {bench.gravity.value:.7g} m/s²".replace(" ", "\N{NO-BREAK SPACE}"),
         ),

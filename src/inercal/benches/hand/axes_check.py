@@ -5,7 +5,7 @@ from math import degrees
 
 from inercal.basics.errors import InputError
 from inercal.recordings import Finding, Mark, Recording
-from inercal.recordings.data import RestsSection, Source
+from inercal.recordings.data import RestsSection, RunBase
 from inercal.recordings.data.recording_loader import unsigned_column
 from inercal.recordings.segments.gravity_turns import (
     TurnVerdict,
@@ -23,13 +23,13 @@ _UNKNOWN = (
 
 
 def check_axes(
-    run: Source[RestsSection], recording: Recording, rests: Sequence[Mark]
+    run: RunBase[RestsSection], recording: Recording, rests: Sequence[Mark]
 ) -> tuple[TurnVerdict, tuple[Finding, ...]]:
     """Return what the turns between rests say about the axes, and warnings.
 
     Parameters
     ----------
-    run : Source
+    run : RunBase
     recording : Recording
         Without a trial axis.
     rests : sequence of Mark
@@ -59,7 +59,7 @@ def check_axes(
     )
 
 
-def _with_columns(change: str, run: Source[RestsSection]) -> str:
+def _with_columns(change: str, run: RunBase[RestsSection]) -> str:
     """Return a change in words with the column of each axis that it names."""
     columns: dict[str, str] = {}
     for letter, names in (("a", run.data.accelerometer), ("g", run.data.gyro)):

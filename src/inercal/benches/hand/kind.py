@@ -2,7 +2,7 @@
 
 from math import degrees
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from inercal.benches.kind_definition import (
     Effect,
     Kind,
     Output,
-    import_when_called,
     simulate_without_sensor,
     three_axis_sensor,
 )
@@ -22,9 +21,11 @@ from inercal.benches.report_data import MeasuredDirection, ReportInput, measured
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.section_settings import BenchSection, BenchUsage, section_constant
 from inercal.physics.sensors import Sensor, triad
-from inercal.recordings.data import RestsSection
+from inercal.recordings import Recording
+from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
 
-_READING = "inercal.benches.hand.reading"
+if TYPE_CHECKING:
+    from inercal.recordings.segments import RestDetection
 
 
 @add_bench_keys(Hand)
@@ -71,7 +72,7 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
 
     None without accelerometers.
     """
-    if not shown.calibration.sensor.select_axes("f").axes:
+    if not shown.sensor.select_axes("f").axes:
         return ()
     sensed = shown.sensed_motion()
     result: list[MeasuredDirection] = []
@@ -93,6 +94,27 @@ def _sensor(
     return triad(name, "w", "g", *gyro)
 
 
+def _observe(run: RunBase[RestsSection]) -> EstimatorInput:
+    """Return the observations of a run; what they load, plans do not use."""
+    from inercal.benches.hand.reading import observe
+
+    return observe(run)
+
+
+def _audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
+    """Return the recording with the findings of its norms at rest."""
+    from inercal.benches.hand.reading import audit
+
+    return audit(recording, sensor, bench)
+
+
+def _rests(run: RunBase[RestsSection], recording: Recording) -> "RestDetection":
+    """Return the rests in a refused recording."""
+    from inercal.benches.hand.reading import refused_recording_rests
+
+    return refused_recording_rests(run, recording)
+
+
 KIND = Kind(
     "hand",
     Hand,
@@ -100,15 +122,15 @@ KIND = Kind(
     RestsSection,
     build,
     (Hold, Turn),
-    import_when_called(_READING, "observe"),
+    _observe,
     simulate_without_sensor(simulate_hand_motion, in_hand=True),
     # At the equator the vertical component of the earth's rate is zero.
     effects=(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),
-    audit=import_when_called(_READING, "audit"),
+    audit=_audit,
     sheet=sheet,
-    rests=import_when_called(_READING, "refused_recording_rests"),
+    rests=_rests,
     sensor=_sensor,
     directions=directions,
 )

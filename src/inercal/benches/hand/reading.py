@@ -13,7 +13,7 @@ from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording, Track
-from inercal.recordings.data import EstimatorInput, RestsSection, Source
+from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
@@ -33,6 +33,7 @@ from inercal.recordings.io.mean_tables import read_means
 from inercal.recordings.io.rest_norm import audit_rest_norm, rest_mean_finding
 from inercal.recordings.segments import (
     RestDetection,
+    average_sections,
     bias_jump_test,
     changes_within_rests,
     check_against_plan,
@@ -46,13 +47,10 @@ from inercal.recordings.segments import (
     transitions_between_rests,
     valid_marks,
 )
-from inercal.recordings.segments import (
-    observe as averaged,
-)
 from inercal.recordings.segments.motion_thresholds import WINDOW
 
 
-def observe_whole_rest(run: Source[RestsSection]) -> EstimatorInput:
+def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     """Return one row of the whole recording, with its track.
 
     Raises
@@ -105,7 +103,7 @@ def observe_whole_rest(run: Source[RestsSection]) -> EstimatorInput:
     return EstimatorInput(recording, marks, observations, (step,), (step,), recording.findings)
 
 
-def observe(run: Source[RestsSection]) -> EstimatorInput:
+def observe(run: RunBase[RestsSection]) -> EstimatorInput:
     """Return the observations of a run by hand.
 
     Raises
@@ -144,7 +142,7 @@ def observe(run: Source[RestsSection]) -> EstimatorInput:
     return EstimatorInput(recording, marks, observations, plan, steps, findings, conditions, rests)
 
 
-def _require_recordings(run: Source[RestsSection], bench: Hand) -> None:
+def _require_recordings(run: RunBase[RestsSection], bench: Hand) -> None:
     """Refuse biases of each recording where there is one recording."""
     if bench.turn_on and run.data.kind == "recording" and not is_pattern(run.file(run.data.file)):
         raise key_error(
@@ -168,12 +166,12 @@ def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
     return require_accepted(audit_rest_norm(recording, sensor, bench.gravity.value))
 
 
-def nominal_plan(run: Source[RestsSection]) -> tuple[HandStep, ...]:
+def nominal_plan(run: RunBase[RestsSection]) -> tuple[HandStep, ...]:
     """Return the run's plan."""
     return tuple(step for step in run.steps if isinstance(step, Hold | Turn))
 
 
-def _numbers_visits(run: Source[RestsSection]) -> bool:
+def _numbers_visits(run: RunBase[RestsSection]) -> bool:
     """Return whether a label may come again, for a visit of its position at another temperature.
 
     Otherwise a label that comes twice is a mistake, and a second visit has a label of its own,
@@ -182,7 +180,7 @@ def _numbers_visits(run: Source[RestsSection]) -> bool:
     return run.data.temperature is not None and not run.method.unknown_attitudes
 
 
-def _steps_by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep]:
+def _steps_by_visit(run: RunBase[RestsSection], count: int) -> dict[str, HandStep]:
     """Return the plan's steps by the names of up to `count` visits of each."""
     found: dict[str, HandStep] = {}
     for step in nominal_plan(run):
@@ -191,13 +189,13 @@ def _steps_by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep
     return found
 
 
-def _plan_with_visits(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
+def _plan_with_visits(run: RunBase[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
     """Return the plan, with the further visits of each step after it."""
     wanted = {step.label for step in (*nominal_plan(run), *done)}
     return tuple(s for name, s in _steps_by_visit(run, len(done)).items() if name in wanted)
 
 
-def _read_means(run: Source[RestsSection]) -> Observations:
+def _read_means(run: RunBase[RestsSection]) -> Observations:
     if run.method.unknown_attitudes and run.sensor.select_axes("w").axes:
         raise key_error(
             "[data] kind",
@@ -221,7 +219,7 @@ def _read_means(run: Source[RestsSection]) -> Observations:
 
 
 def _planned_sections(
-    run: Source[RestsSection], recording: Recording
+    run: RunBase[RestsSection], recording: Recording
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
     """Return the sections of the plan's steps: marks, means and findings."""
     steps = nominal_plan(run)
@@ -257,7 +255,7 @@ def _planned_sections(
     check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = check_marked_rests(run, recording, [mark for mark in marks if mark.label in holds])
-    observations = averaged(recording, run.sensor, marks, steps, found=True, drifting=True)
+    observations = average_sections(recording, run.sensor, marks, steps, found=True, drifting=True)
     if note:
         observations = replace(observations, notes=(*observations.notes, note))
     stated = run.data.model_fields_set & {"gyro", "gyro_file", "gyro_time"}
@@ -268,7 +266,7 @@ def _planned_sections(
     return marks, observations, recording.findings + missing + moving + findings
 
 
-def _planned_steps(run: Source[RestsSection], observations: Observations) -> tuple[HandStep, ...]:
+def _planned_steps(run: RunBase[RestsSection], observations: Observations) -> tuple[HandStep, ...]:
     by_label = _steps_by_visit(run, len(observations.labels))
     unknown = [label for label in observations.labels if label not in by_label]
     if unknown:
@@ -282,7 +280,7 @@ def _planned_steps(run: Source[RestsSection], observations: Observations) -> tup
 
 
 def _free_rests(
-    run: Source[RestsSection], recording: Recording, rests: RestDetection | None
+    run: RunBase[RestsSection], recording: Recording, rests: RestDetection | None
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
     """Return rests in any attitude and the moves between them: marks, means and findings."""
     findings = recording.findings
@@ -293,7 +291,7 @@ def _free_rests(
         check_marks(marks, recording, [mark.label for mark in marks])
     marks, left_out = valid_marks(recording, run.sensor, marks)
     findings += check_rests(run, recording, marks) + check_axes(run, recording, marks)[1]
-    observations = averaged(
+    observations = average_sections(
         recording, run.sensor, marks, holds_from_marks(marks), by_hand=True, found=True
     )
     if run.sensor.select_axes("w").axes:
@@ -311,7 +309,7 @@ def _free_rests(
     return marks, observations, findings + left_out
 
 
-def _conditions(run: Source[RestsSection], bench: Hand) -> dict[str, str]:
+def _conditions(run: RunBase[RestsSection], bench: Hand) -> dict[str, str]:
     conditions = {"gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²")}
     if not run.method.unknown_attitudes:
         conditions["tilt of faces (k = 1)"] = format_quantity(bench.tilt, 0.0, "°")
@@ -324,7 +322,7 @@ def _conditions(run: Source[RestsSection], bench: Hand) -> dict[str, str]:
     return conditions
 
 
-def refused_recording_rests(run: Source[RestsSection], recording: Recording) -> RestDetection:
+def refused_recording_rests(run: RunBase[RestsSection], recording: Recording) -> RestDetection:
     """Return the rests in a refused recording."""
     if run.data.marks != "found" or run.method.unknown_attitudes:
         return rests_without_plan(run, recording)

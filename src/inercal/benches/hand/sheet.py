@@ -8,10 +8,10 @@ from inercal.basics.errors import InputError
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
-from inercal.recordings.data import RestsSection, Source
+from inercal.recordings.data import RestsSection, RunBase
 
 
-def sheet(run: Source[RestsSection]) -> Sheet:
+def sheet(run: RunBase[RestsSection]) -> Sheet:
     """Return the holds and turns of a run's plan."""
     data = run.data
     steps: list[HandStep] = [step for step in run.steps if isinstance(step, Hold | Turn)]
@@ -55,7 +55,7 @@ def _stated_duration(step: HandStep, data: RestsSection) -> tuple[str, ...]:
     return (f"{step.seconds:.12g}",)
 
 
-def _operator_notes(run: Source[RestsSection], *, turns: bool) -> tuple[str, ...]:
+def _operator_notes(run: RunBase[RestsSection], *, turns: bool) -> tuple[str, ...]:
     found = [
         "Up is the direction in which an axis reads plus 1 g at rest.",
         "Take the mean of the readings at rest, hands off.",
@@ -70,7 +70,7 @@ def _operator_notes(run: Source[RestsSection], *, turns: bool) -> tuple[str, ...
     return (*found, "The order is free.")
 
 
-def _table_error(run: Source[RestsSection], *, turns: bool) -> InputError | None:
+def _table_error(run: RunBase[RestsSection], *, turns: bool) -> InputError | None:
     """Return why means in a table do not suffice, or lack a column."""
     if run.method.unknown_attitudes and run.sensor.select_axes("w").axes:
         return key_error(

@@ -4,17 +4,18 @@ from inercal.benches.kind_definition import (
     Kind,
     Output,
     Vocabulary,
-    import_when_called,
     three_axis_sensor,
 )
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.report import directions, plots
+from inercal.benches.rate_platform.scale_factors import output_tables
 from inercal.benches.rate_platform.sections import Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData, RatePlatformSection, build
 from inercal.benches.rate_platform.sheet import sheet
 from inercal.benches.rate_platform.simulation import simulate_sections
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor, triad
+from inercal.recordings.data import EstimatorInput, RunBase
 
 
 def _sensor(
@@ -30,6 +31,13 @@ def _sensor(
     return triad(name, "w", "g", *gyro)
 
 
+def _observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
+    """Return the observations of a run; what they load, plans do not use."""
+    from inercal.benches.rate_platform.reading import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "rate_platform",
     RatePlatform,
@@ -37,12 +45,12 @@ KIND = Kind(
     RatePlatformData,
     build,
     (RateDwell, Pose),
-    import_when_called("inercal.benches.rate_platform.reading", "observe"),
+    _observe,
     simulate_sections,
     words=Vocabulary(row="section", turning_device="table", rows="sections"),
     sensor=_sensor,
     sheet=sheet,
     directions=directions,
     plots=plots,
-    tables=import_when_called("inercal.benches.rate_platform.scale_factors", "output_tables"),
+    tables=output_tables,
 )

@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_quantity
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.physics.sensors import Axis, Sensor
@@ -197,8 +198,7 @@ def linearity_notes(
 
 
 def _ppm(value: float) -> str:
-    """Return three digits of a ratio, without an exponent."""
-    return f"{float(f'{1e6 * value:.3g}'):g} ppm"
+    return format_quantity(value, 0.0, "ppm", 3)
 
 
 _FASTEST = radians(2.0)  # rad/s

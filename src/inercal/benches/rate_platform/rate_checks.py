@@ -13,7 +13,7 @@ from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Rate
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Mark, Observations, Recording
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 
 _LEAST_RATE = 1e-3  # rad/s: slower rates may be less than a bias
 _CLEAR = 0.5  # of the stated rate: a reading on another axis, or of the other sign
@@ -28,7 +28,7 @@ _NORMAL_MEDIAN = 0.6745  # of the magnitude of a standard normal number
 
 
 def require_rates(
-    run: Source[RatePlatformData],
+    run: RunBase[RatePlatformData],
     observations: Observations,
     bench: RatePlatform,
     steps: Sequence[PlatformStep],
@@ -73,7 +73,7 @@ def _rough_bias(read: Array, nominal: Array) -> Array:
     return bias
 
 
-def _refuse_row(run: Source[RatePlatformData], step: PlatformStep, text: str) -> None:
+def _refuse_row(run: RunBase[RatePlatformData], step: PlatformStep, text: str) -> None:
     raise InputError(
         f"{run.path}: row {step.label} is {step.describe()}, but {text}; correct axis or sign of "
         "the rate in the table, or the order and signs of the gyros' columns",
@@ -82,7 +82,7 @@ def _refuse_row(run: Source[RatePlatformData], step: PlatformStep, text: str) ->
     )
 
 
-def _refuse_unit(run: Source[RatePlatformData], ratio: float) -> None:
+def _refuse_unit(run: RunBase[RatePlatformData], ratio: float) -> None:
     given = run.data.rate_size
     for unit in _UNITS:
         factor = si_factor(unit, "rad/s") / given
@@ -104,7 +104,7 @@ def _refuse_unit(run: Source[RatePlatformData], ratio: float) -> None:
 
 
 def require_steady(
-    run: Source[RatePlatformData],
+    run: RunBase[RatePlatformData],
     recording: Recording,
     marks: Sequence[Mark],
     steps: Sequence[PlatformStep],
@@ -150,7 +150,7 @@ def _change_between_halves(read: Array) -> tuple[float, float]:
 
 
 def require_axes_up(
-    run: Source[RatePlatformData],
+    run: RunBase[RatePlatformData],
     observations: Observations,
     bench: RatePlatform,
     steps: Sequence[PlatformStep],

@@ -31,7 +31,7 @@ from inercal.benches.rate_platform.sections import (
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Mark, Recording
-from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
@@ -43,11 +43,10 @@ from inercal.recordings.data.recording_loader import (
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
-from inercal.recordings.segments import marks_from_labels
-from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments import average_sections, marks_from_labels
 
 
-def observe(run: Source[RatePlatformData]) -> EstimatorInput:
+def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     """Return the observations of a run on a rate platform.
 
     Raises
@@ -67,7 +66,7 @@ def observe(run: Source[RatePlatformData]) -> EstimatorInput:
 
 
 def _refuse_unused_errors(
-    run: Source[RatePlatformData], bench: RatePlatform, steps: Sequence[PlatformStep]
+    run: RunBase[RatePlatformData], bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> None:
     names = {p.name for p in bench.nuisances(steps, run.sensor).values()}
     for name, one in STATED.items():
@@ -82,7 +81,7 @@ def _refuse_unused_errors(
             )
 
 
-def _table(run: Source[RatePlatformData]) -> EstimatorInput:
+def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:
     data, path, wanted = run.data, run.file(run.data.file), reader_columns(run)
     columns = {
         name: str(column)
@@ -116,7 +115,7 @@ def _table(run: Source[RatePlatformData]) -> EstimatorInput:
     return EstimatorInput(None, (), observations, steps, steps, ())
 
 
-def _require_partners(run: Source[RatePlatformData], columns: dict[str, str]) -> None:
+def _require_partners(run: RunBase[RatePlatformData], columns: dict[str, str]) -> None:
     """Refuse columns that lack another one."""
     needed = [("table_rate", "axis"), ("turn", "axis"), ("turn", "seconds")]
     needed += [("roll", "pitch"), ("pitch", "roll")]
@@ -190,7 +189,7 @@ def _number(text: str, refuse: Callable[[str], InputError]) -> float:
     return value
 
 
-def _recording(run: Source[RatePlatformData]) -> EstimatorInput:
+def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
     if run.data.seconds is not None:
         raise key_error("[data] seconds", "is of a table of means; remove the key", run.path)
     recording = load_recording(run)
@@ -198,14 +197,14 @@ def _recording(run: Source[RatePlatformData]) -> EstimatorInput:
     require_steady(run, recording, marks, steps)
     # Sections at a rate are steady too: their scatter is noise.
     turning = [step.label for step in steps if isinstance(step, KnownTurn)]
-    means = averaged(
+    means = average_sections(
         recording, run.sensor, marks, steps, found=True, drifting=True, turning=turning
     )
     return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
 
 
 def _marked_sections(
-    run: Source[RatePlatformData], recording: Recording
+    run: RunBase[RatePlatformData], recording: Recording
 ) -> tuple[tuple[Mark, ...], tuple[PlatformStep, ...]]:
     """Return the sections of a recording: labelled, of a file each, or found by the gyros."""
     data, settle = run.data, run.data.settling_seconds
@@ -233,7 +232,7 @@ def _marked_sections(
         raise error.located(run.path) from None
 
 
-def _stated_sections(run: Source[RatePlatformData]) -> list[PlatformStep]:
+def _stated_sections(run: RunBase[RatePlatformData]) -> list[PlatformStep]:
     """Return the sections of [data] sections, or of the plan."""
     if run.data.sections is None:
         return [step for step in run.steps if isinstance(step, RateDwell | Pose)]

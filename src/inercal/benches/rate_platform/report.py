@@ -23,7 +23,7 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
     steps = [step for step in shown.steps if isinstance(step, RateDwell | Pose)]
     if not isinstance(bench, RatePlatform):
         return ()
-    fits = straight_lines(shown.observations, shown.calibration.sensor, bench, steps)
+    fits = straight_lines(shown.observations, shown.sensor, bench, steps)
     if not fits:
         return ()
     return (
@@ -48,7 +48,7 @@ def _panel(fit: LineFit) -> Panel:
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     """Return the direction of the specific force at rest and in poses; none without a triad."""
-    sensor = shown.calibration.sensor
+    sensor = shown.sensor
     if len(sensor.select_axes("f").axes) < len("xyz"):
         return ()
     nominal, sensed = shown.bench.mean_motion(shown.steps, {}).f, shown.sensed_motion().f

@@ -23,7 +23,7 @@ from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.benches.report_data import Columns, ReportInput
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 
 _DEG_PER_H = 3600.0  # °/h of a °/s
 
@@ -85,13 +85,13 @@ def speed_scales(
     return tuple(found)
 
 
-def output_tables(run: Source[RatePlatformData], shown: ReportInput) -> dict[str, Columns]:
+def output_tables(run: RunBase[RatePlatformData], shown: ReportInput) -> dict[str, Columns]:
     """Return the table "scale_factors" where two speeds or more were turned in both senses."""
     bench = shown.bench
     if not isinstance(bench, RatePlatform):
         return {}
     steps = [step for step in shown.steps if isinstance(step, RateDwell | Pose)]
-    rows = speed_scales(shown.observations, shown.calibration.sensor, bench, steps)
+    rows = speed_scales(shown.observations, shown.sensor, bench, steps)
     if len({row.speed for row in rows}) < 2:
         return {}
     hourly = [_DEG_PER_H * degrees(value) for row in rows for value in (row.even, row.even_sd)]

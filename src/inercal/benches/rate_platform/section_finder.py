@@ -17,6 +17,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_duration
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell, whole_turns
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.plan import describe_direction
@@ -219,8 +220,8 @@ def settled(
 def _nothing_left(recording: Recording, mark: Mark, settle: float) -> InputError:
     lasts = recording.span(mark.start, mark.stop)
     return InputError(
-        f"{recording.source}: section {mark.label} lasts {lasts:.3g} s, of which settle = "
-        f"{settle:g} s leaves nothing; record longer sections, or state a shorter time",
+        f"{recording.source}: section {mark.label} lasts {format_duration(lasts)}, of which "
+        f"settle = {settle:g} s leaves nothing; record longer sections, or state a shorter time",
         key="[data] settle",
         names=(mark.label,),
     )

@@ -10,6 +10,7 @@ roll, then about the level y axis by the pitch. Up is then::
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, degrees, pi, radians, sin
 
@@ -114,6 +115,7 @@ class Pose:
 
 
 PlatformStep = RateDwell | Pose
+PlatformSteps = Sequence[PlatformStep]
 
 
 def dwell_label(axis: str, rate: float) -> str:

@@ -2,15 +2,16 @@
 
 from math import degrees
 
+from inercal.basics.units import format_duration
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.plan import describe_direction
 from inercal.physics.section_settings import key_error
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 
 
-def sheet(run: Source[RatePlatformData]) -> Sheet:
+def sheet(run: RunBase[RatePlatformData]) -> Sheet:
     """Return the sections of a run's plan.
 
     Raises
@@ -45,7 +46,7 @@ def sheet(run: Source[RatePlatformData]) -> Sheet:
         rows.append(SheetRow(step.label, cells, step.seconds, group, stated))
     gyro = data.gyro if run.sensor.select_axes("w").axes else ()
     return Sheet(
-        f"{len(rows)} sections, {sum(step.seconds for step in steps) / 60:.3g} min in all",
+        f"{len(rows)} sections, {format_duration(sum(step.seconds for step in steps))} in all",
         (
             Heading("row", align_right=True),
             Heading("up"),
@@ -63,7 +64,7 @@ def sheet(run: Source[RatePlatformData]) -> Sheet:
     )
 
 
-def _require_columns(run: Source[RatePlatformData], steps: list[PlatformStep]) -> None:
+def _require_columns(run: RunBase[RatePlatformData], steps: list[PlatformStep]) -> None:
     poses = [step for step in steps if isinstance(step, Pose)]
     for own, names in (
         (len(steps) - len(poses), ("axis", "table_rate")),

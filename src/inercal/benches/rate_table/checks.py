@@ -16,7 +16,7 @@ from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0
 from inercal.physics.sensors.affine import AffineModel
 from inercal.recordings import Observations, Recording
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 from inercal.recordings.segments.dwells import ARM_RATE
 
@@ -30,7 +30,7 @@ _FEWEST = 4  # states that identify the axes
 _FAST = 0.9  # of the fastest rate: samples that show the unit
 
 
-def require_unit(run: Source[RateTableData], recording: Recording, bench: RateTable) -> None:
+def require_unit(run: RunBase[RateTableData], recording: Recording, bench: RateTable) -> None:
     """Refuse a recording whose samples at the fastest rate show another unit than the stated one.
 
     Parameters
@@ -60,7 +60,7 @@ def require_unit(run: Source[RateTableData], recording: Recording, bench: RateTa
         _refuse_unit(run, off)
 
 
-def _refuse_unit(run: Source[RateTableData], off: Callable[[float], float]) -> None:
+def _refuse_unit(run: RunBase[RateTableData], off: Callable[[float], float]) -> None:
     """Refuse rates in another unit; `off` is the error of norms at rates times a factor."""
     given = readback_units(run)["arm_rate"]
     for unit in _UNITS:
@@ -114,7 +114,7 @@ def _fit_triad(read: Array, nominal: Array) -> AffineModel | None:
 
 
 def require_rates(
-    run: Source[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
+    run: RunBase[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
 ) -> None:
     """Refuse rates in another unit than the stated one, by the norms of the readings.
 
@@ -149,7 +149,7 @@ def require_rates(
 
 
 def require_axes(
-    run: Source[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
+    run: RunBase[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
 ) -> None:
     """Refuse exchanged or reversed columns, which fit far better in another order or sign."""
     if len(steps) < _FEWEST:

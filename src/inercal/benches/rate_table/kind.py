@@ -3,7 +3,6 @@
 from inercal.benches.kind_definition import (
     Kind,
     Vocabulary,
-    import_when_called,
     simulate_without_sensor,
 )
 from inercal.benches.rate_table.bench import RateTable
@@ -14,10 +13,18 @@ from inercal.benches.rate_table.sheet import sheet
 from inercal.benches.rate_table.simulation import simulate_table_motion, table_plan_duration
 from inercal.benches.report_data import describe_spin
 from inercal.physics.plan import Spin
+from inercal.recordings.data import EstimatorInput, RunBase
 
 _UNJUDGED = (
     "the nominal motion, or norm of a tilted state, minus that by the model from one reading"
 )
+
+
+def _observe(run: RunBase[RateTableData]) -> EstimatorInput:
+    """Return the observations of a run; what they load, plans do not use."""
+    from inercal.benches.rate_table.reading import observe
+
+    return observe(run)
 
 
 KIND = Kind(
@@ -27,7 +34,7 @@ KIND = Kind(
     RateTableData,
     build,
     (Spin,),
-    import_when_called("inercal.benches.rate_table.reading", "observe"),
+    _observe,
     simulate_without_sensor(simulate_table_motion),
     table_plan_duration,
     Vocabulary(row="state or mounting", turning_device="table", rows="states", unjudged=_UNJUDGED),

@@ -18,7 +18,7 @@ from inercal.benches.rate_table.settings import RateTableData
 from inercal.physics.plan import Attitude, Spin
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Finding, Recording, join_observations
-from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
@@ -30,8 +30,7 @@ from inercal.recordings.data.recording_loader import (
 )
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.mean_tables import number_column, observations_from_table, read_columns
-from inercal.recordings.segments import average_dwells, find_dwells
-from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments import average_dwells, average_sections, find_dwells
 from inercal.recordings.segments.dwells import ARM_RATE
 from inercal.recordings.segments.stationary_states import (
     find_stationary_states,
@@ -43,7 +42,7 @@ _NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)
 _MOST_TILT = 360.0  # °
 
 
-def observe(run: Source[RateTableData]) -> EstimatorInput:
+def observe(run: RunBase[RateTableData]) -> EstimatorInput:
     """Return the observations of a run on a rate table.
 
     Raises
@@ -63,7 +62,7 @@ def observe(run: Source[RateTableData]) -> EstimatorInput:
     return replace(result, conditions=_conditions(bench, steps))
 
 
-def _table(run: Source[RateTableData]) -> EstimatorInput:
+def _table(run: RunBase[RateTableData]) -> EstimatorInput:
     rate, unit = readback_columns(run)["arm_rate"], readback_units(run)["arm_rate"]
     wanted, path = reader_columns(run), run.file(run.data.file)
     where = str(run.data.mounting)
@@ -102,7 +101,7 @@ def _duplicate_row_findings(path: Path, table: Table, used: Sequence[str]) -> tu
     return tuple(found)
 
 
-def reduce_recording(run: Source[RateTableData], recording: Recording) -> EstimatorInput:
+def reduce_recording(run: RunBase[RateTableData], recording: Recording) -> EstimatorInput:
     """Reduce a recording: means of rests, and of steady turning over whole turns.
 
     Parameters
@@ -126,7 +125,7 @@ def reduce_recording(run: Source[RateTableData], recording: Recording) -> Estima
     turning, spun = average_dwells(recording, run.sensor, dwells)
     rests, also = find_stationary_states(recording)
     held = [Spin(mark.label, 0.0) for mark in rests]
-    both = averaged(recording, run.sensor, rests, held, found=True) if rests else None
+    both = average_sections(recording, run.sensor, rests, held, found=True) if rests else None
     observations = turning if both is None else join_observations(turning, both)
     marks = (*(dwell.mark for dwell in dwells), *rests)
     steps: list[Spin] = []

@@ -17,7 +17,7 @@ from inercal.benches.rate_table.settings import RateTableData
 from inercal.benches.report_data import Columns, Panel, Plot, ReportInput, Series
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import G0
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import (
     readback_columns,
     readback_units,
@@ -57,7 +57,7 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
     )
 
 
-def output_tables(run: Source[RateTableData], outcome: ReportInput) -> dict[str, Columns]:
+def output_tables(run: RunBase[RateTableData], outcome: ReportInput) -> dict[str, Columns]:
     """Return the table of the states of a recording, "states"; none of means.
 
     Mounting, rate and axes have the names and the units of the run's [data]; then follow the
@@ -69,7 +69,7 @@ def output_tables(run: Source[RateTableData], outcome: ReportInput) -> dict[str,
     assert recording.labels is not None
     order: list[int] = np.argsort([mark.start for mark in outcome.marks], kind="stable").tolist()
     rates = [step.rate for step in outcome.steps if isinstance(step, Spin)]
-    sensor = outcome.calibration.sensor
+    sensor = outcome.sensor
     mean = sensor.to_output(seen.mean)
     scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
     sd = np.sqrt(np.diagonal(seen.covariance, axis1=-2, axis2=-1)) * scale

@@ -5,17 +5,18 @@ from math import pi
 
 import numpy as np
 
+from inercal.basics.units import format_duration
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.benches.rate_table.bench import mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.physics.plan import Hold, Spin
 from inercal.physics.sensors import G0
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 
 
-def sheet(run: Source[RateTableData]) -> Sheet:
+def sheet(run: RunBase[RateTableData]) -> Sheet:
     """Return the states of a run, mounting by mounting, in each by speed."""
     planned = [step for step in run.steps if isinstance(step, Spin)]
     steps = [step for own in group_by_mounting(planned) for step in own]
@@ -37,7 +38,7 @@ def sheet(run: Source[RateTableData]) -> Sheet:
             )
         )
     return Sheet(
-        f"{len(rows)} states, {sum(step.seconds for step in steps) / 60:.3g} min in all",
+        f"{len(rows)} states, {format_duration(sum(step.seconds for step in steps))} in all",
         (
             Heading("row", align_right=True),
             Heading("mounting"),

@@ -5,10 +5,10 @@ from typing import Any, TypeGuard
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.settings import TurntableData
 from inercal.physics.section_settings import key_error
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 
 
-def require_turntable(run: Source[Any]) -> Turntable:
+def require_turntable(run: RunBase[Any]) -> Turntable:
     """Return the bench of a run that must be a turntable.
 
     Raises
@@ -26,7 +26,7 @@ def is_turntable(bench: object) -> TypeGuard[Turntable]:
     return isinstance(bench, Turntable)
 
 
-def require_turntable_data(run: Source[Any]) -> TurntableData:
+def require_turntable_data(run: RunBase[Any]) -> TurntableData:
     """Return [data] of a run that must be on a turntable.
 
     Raises

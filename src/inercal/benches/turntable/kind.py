@@ -7,7 +7,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.contract import SensorSimulation
-from inercal.benches.kind_definition import Kind, Vocabulary, import_when_called
+from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.bench import Turntable
@@ -22,6 +22,7 @@ from inercal.benches.turntable.simulation import (
 )
 from inercal.physics.plan import Position, Rotation, TableStep
 from inercal.physics.sensors import Noise, Sensor
+from inercal.recordings.data import EstimatorInput, RunBase
 
 
 def _simulate(
@@ -78,6 +79,13 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     return tuple(result)
 
 
+def _observe(run: RunBase[TurntableData]) -> EstimatorInput:
+    """Return the observations of a run; what they load, plans do not use."""
+    from inercal.benches.turntable.reading.track_observation import observe
+
+    return observe(run)
+
+
 KIND = Kind(
     "turntable",
     Turntable,
@@ -85,7 +93,7 @@ KIND = Kind(
     TurntableData,
     build,
     (Position, Rotation),
-    import_when_called("inercal.benches.turntable.reading", "observe"),
+    _observe,
     _simulate,
     turntable_path_duration,
     Vocabulary(components=""),

@@ -6,6 +6,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.benches.turntable.bench import Turntable
@@ -133,8 +134,8 @@ class TurntableData(DataSection):
         if len(columns) != len(bench.names):
             raise key_error(
                 "[data] table",
-                f"{len(columns)} columns for the {len(bench.names)} axes {', '.join(bench.names)}; "
-                "name the column of each axis",
+                f"{format_count(len(columns), 'column')} for the {len(bench.names)} axes "
+                f"{', '.join(bench.names)}; name the column of each axis",
                 names=tuple(map(str, columns)),
             )
         size = unit_size(self.table_unit, "°", "table_unit")
@@ -208,7 +209,8 @@ def _limits(section: TurntableSection) -> tuple[AxisMotionLimits, ...]:
             each[name] = [*values] * (axes // len(values))
         else:
             raise key_error(
-                f"[bench] {name}", f"{len(values)} limits; give one for all axes or one per axis"
+                f"[bench] {name}",
+                f"{format_count(len(values), 'limit')}; give one for all axes or one per axis",
             )
     result: list[AxisMotionLimits] = []
     for rate, acceleration, jerk in zip(*each.values(), strict=True):

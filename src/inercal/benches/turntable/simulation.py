@@ -25,7 +25,7 @@ from inercal.physics.motion import Motion
 from inercal.physics.plan import Position, Rotation, TableStep, table_steps
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Recording
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_columns, readback_units
 from inercal.recordings.io.column_table import row_blocks
 
@@ -233,7 +233,7 @@ def add_hold_numbers(
 
 
 def readback_files(
-    run: Source[TurntableData], done: SimulatedMotion, rng: np.random.Generator
+    run: RunBase[TurntableData], done: SimulatedMotion, rng: np.random.Generator
 ) -> dict[str, Recording]:
     """Return the readback file by the table's clock, where the run file names one.
 

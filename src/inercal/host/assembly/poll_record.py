@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_duration
 from inercal.host.assembly.reading_plausibility import Plausibility
 from inercal.host.run_log import LogFrame
 from inercal.host.table_state_codec import StateArrays, unpack_states
@@ -51,7 +52,8 @@ def wrap_correction(behind: float, wraps: float, outage: float) -> float:
         added = wraps * round(behind / wraps)
         if wraps / 2 < _ARRIVAL_UNCERTAINTY + drift:
             raise InputError(
-                f"the table sent nothing for {outage:.3g} s, and its clock starts again every "
+                f"the table sent nothing for {format_duration(outage)}, and its clock starts "
+                "again every "
                 f"{wraps:.3g} s: its clock can no longer be matched to that of the bench; begin a "
                 "new run",
                 names=tuple(CLOCK_LOST),

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from inercal.basics.errors import InercalError, InputError
+from inercal.basics.units import format_count
 from inercal.host.guided.instruments import Instrument, read_instruments
 from inercal.host.guided.measurement_table import MeasuredRow, MeasurementTable, Reading
 from inercal.host.guided.reading_check import ReadingCheck, scatter
@@ -223,7 +224,7 @@ def _typed_numbers(line: str, columns: Sequence[str], units: Mapping[str, str]) 
             )
     if len(words) != len(columns):
         raise InputError(
-            f"{len(words)} numbers, but {len(columns)} are wanted: type {wanted or 'nothing'}, "
-            "with decimal points and spaces between"
+            f"{format_count(len(words), 'number')}, but {len(columns)} needed: type "
+            f"{wanted or 'nothing'}, with decimal points and spaces between"
         )
     return dict(zip(columns, map(float, words), strict=True))

@@ -10,6 +10,7 @@ from math import isfinite
 from time import monotonic
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.host.closeable import Closeable
 from inercal.host.link import Link, LinkLost, open_link
 
@@ -173,9 +174,9 @@ def read_instruments(instruments: Sequence[Instrument], columns: Sequence[str]) 
     if len(values) != len(columns):
         addresses = ", ".join(one.address for one in instruments)
         raise InputError(
-            f"{addresses}: {len(values)} numbers in a reading, but the table has {len(columns)} "
-            f"columns to read, {', '.join(columns)}; give an instrument for each, or one that "
-            "reads them all",
+            f"{addresses}: {format_count(len(values), 'number')} in a reading, but the table has "
+            f"{len(columns)} columns to read, {', '.join(columns)}; give an instrument for each, "
+            "or one that reads them all",
             names=tuple(one.address for one in instruments),
         )
     return dict(zip(columns, values, strict=True))

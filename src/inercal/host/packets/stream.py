@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.host.packets.layout import PacketLayout
 from inercal.host.packets.packet_finder import DecodedPackets, Raw, find_lines, find_packets
 from inercal.host.packets.packet_format import AXES, BinaryFrame, TextLine
@@ -348,7 +349,7 @@ def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCou
     if not counts.packets:
         raise InputError(
             f"{path}: {counts.discarded} bytes hold no packet of {layout.name!r}"
-            + (f"; {counts.failed} packets have a wrong check" if counts.failed else "")
+            + (f"; {format_count(counts.failed, 'checksum error')}" if counts.failed else "")
             + "; choose the preset or layout of the IMU that sent them",
             file=path,
             names=(layout.name,),

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.random import Generator
 
 from inercal.basics.errors import InputError
-from inercal.benches.kinds import require_motion_control
 from inercal.benches.motion_control import MotionControl, SensedMotion
 from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
 from inercal.physics.plan import Step
@@ -108,7 +107,7 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
     InputError
         No host drives the bench, or a latency is longer than the table's memory.
     """
-    control, bench = require_motion_control(run), run.bench
+    control, bench = run.motion_control, run.bench
     rng = np.random.default_rng(seed)
     values = {
         name: p.value + p.sd * float(rng.standard_normal())

@@ -366,7 +366,8 @@ class Hub:
                 f"the operating system cannot start the process of the run: {error.strerror}; "
                 "free memory or disk space, then start again"
             ) from None
-        self._history, self._end_published = MessageHistory(), False
+        is_manual = isinstance(order, ManualRequest)
+        self._history, self._end_published = MessageHistory(keeps_trend=is_manual), False
         # The process takes seconds before it tells anything itself.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
         self._history.add_message("phase", starts)

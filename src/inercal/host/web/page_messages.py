@@ -12,7 +12,6 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.benches.kinds import require_motion_control
 from inercal.benches.motion_control import SpinTask, Task
 from inercal.benches.turntable import require_turntable
 from inercal.benches.turntable.attitude import reference_attitude
@@ -202,7 +201,7 @@ def _task_text(task: Task) -> str:
 
 def _attitude_fields(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any] | None:
     """Return the attitude by the table and beside it by the readings, as far as either is known."""
-    if not require_motion_control(plan).has_attitude:
+    if not plan.motion_control.has_attitude:
         return None
     bench = require_turntable(plan)
     seen = run.state

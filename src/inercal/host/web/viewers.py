@@ -304,14 +304,22 @@ class Viewers:
         return self._seat
 
 
-_MAX_ESTIMATES, _MAX_EVENTS = 600, 500
-_EVENTS_TOLD = 20  # in one message
+_MAX_ESTIMATES, _MAX_EVENTS, _MAX_TREND = 600, 500, 600
+_GROUP_SIZE = 20  # events, or points of the trend, in one message
 
 
 class MessageHistory:
-    """The messages of one run that still count, as they came."""
+    """The messages of one run that still count, in the order in which they came.
 
-    def __init__(self):
+    Parameters
+    ----------
+    keeps_trend : bool
+        Keep the angles of the last states, as for a manual session.
+    """
+
+    def __init__(self, *, keeps_trend: bool = False):
+        self._keeps_trend = keeps_trend
+        self._trend: deque[str] = deque(maxlen=_MAX_TREND)  # [time, angles, set angles]
         self._last: dict[str, str] = {}  # by kind, of which only the latest counts
         self._phase_is_newest = False
         self._estimates: list[str] = []
@@ -333,6 +341,8 @@ class MessageHistory:
                 self._last[kind] = text
                 if kind in ("phase", "state"):
                     self._phase_is_newest = kind == "phase"
+                if kind == "state" and self._keeps_trend:
+                    self._trend.extend(_trend_point(text))
 
     def present(self) -> Generator[tuple[str, str]]:
         """Yield kinds and texts of how the run stands and of the last seconds' samples."""
@@ -351,7 +361,9 @@ class MessageHistory:
 
     def past(self) -> Generator[str]:
         """Yield what was before, what is seen at once first."""
-        events = _event_messages([text for alarm, text in self._events if not alarm])
+        yield from _grouped_messages("trend", "points", list(self._trend))
+        calm = [text for alarm, text in self._events if not alarm]
+        events = _grouped_messages("events", "events", calm)
         estimates = list(self._estimates)
         yield from islice(events, 1)
         for k in coarse_to_fine(len(estimates)):
@@ -387,8 +399,16 @@ def coarse_to_fine(count: int) -> Generator[int]:
         step //= 2
 
 
-def _event_messages(texts: Sequence[str]) -> Iterator[str]:
-    """Yield messages of many events each, the newest first."""
-    for end in range(len(texts), 0, -_EVENTS_TOLD):
-        some = ", ".join(texts[max(end - _EVENTS_TOLD, 0) : end])
-        yield f'{{"kind": "events", "events": [{some}]}}'
+def _grouped_messages(kind: str, key: str, texts: Sequence[str]) -> Iterator[str]:
+    """Yield messages of many texts each, the newest first."""
+    for end in range(len(texts), 0, -_GROUP_SIZE):
+        some = ", ".join(texts[max(end - _GROUP_SIZE, 0) : end])
+        yield f'{{"kind": "{kind}", "{key}": [{some}]}}'
+
+
+def _trend_point(state: str) -> Iterator[str]:
+    """Yield time, angles and set angles of a state of a manual session, once the axes are known."""
+    told = json.loads(state)
+    if told["table"] is not None:
+        angles = [axis["angle"] for axis in told["table"]["axes"]]
+        yield json.dumps([told["time"], angles, [axis["set"] for axis in told["manual"]]])

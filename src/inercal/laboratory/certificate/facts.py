@@ -1,12 +1,18 @@
 """What a certificate states in words, as pairs of name and text: the same for PDF and DCC."""
 
+from itertools import chain
+
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.calibration import Calibration
+from inercal.calibration.explanation import (
+    UNCERTAINTIES,
+    customer_lines,
+    customer_sections,
+)
 from inercal.calibration.specification import probability_text
-from inercal.calibration.verdict import LARGEST_UNCERTAINTIES
 from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
 from inercal.laboratory.certificate.content import Certificate
 from inercal.laboratory.certificate.results import (
@@ -148,10 +154,12 @@ def verdict_lines(certificate: Certificate) -> tuple[str, ...]:
     texts, calibration = certificate.texts, certificate.calibration
     verdict = calibration.verdict
     grade = texts.text(f"grade_{'none' if verdict is None else verdict.grade}")
-    reasons = () if verdict is None else verdict.reasons
+    if verdict is None:
+        return (grade, *customer_lines(calibration.notes))
     # The certificate states its own U, which the capability of the laboratory may have raised.
-    notes = [line for line in calibration.notes if not line.startswith(LARGEST_UNCERTAINTIES)]
-    return ("; ".join((grade, *reasons)), *notes)
+    sections = customer_sections(verdict.explanation)
+    found = [lines for heading, lines in sections if heading != UNCERTAINTIES]
+    return ("; ".join((grade, *customer_lines(verdict.reasons))), *chain.from_iterable(found))
 
 
 def change_lines(certificate: Certificate) -> tuple[str, ...]:

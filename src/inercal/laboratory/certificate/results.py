@@ -166,11 +166,11 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
     for word, text in sorted(uncertainty.items(), key=lambda one: "." in one[0]):
         key = f"[capability.uncertainty] {word}"
         try:
-            select_coefficients(imu().axes, [CoefficientName(word).term])
+            select_coefficients(imu().axes, (CoefficientName(word).term,))
         except InputError as error:
             raise error.located(key, key=key) from None
         try:
-            named = select_coefficients(sensor.axes, [word])
+            named = select_coefficients(sensor.axes, (word,))
         except InputError:
             continue
         values: dict[str, float] = {}

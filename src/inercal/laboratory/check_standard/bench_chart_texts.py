@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from inercal.basics.documents import origin, record_object
+from inercal.basics.units import format_count
 from inercal.estimation.uncertainty.control_charts import EWMA_WEIGHT
 from inercal.laboratory.check_standard.bench_charts import BenchCharts
 from inercal.laboratory.check_standard.chart_texts import day, doubtful_text, signal_text
@@ -19,18 +20,19 @@ def bench_lines(found: BenchCharts) -> list[str]:
         lines = ["no day after the reference: nothing is charted yet"]
     elif out:
         word = "in control" if found.in_control else "out of control"
-        lines = [
-            f"{word} on {day(found.points[-1].measured)}; {out} of {len(found.points)} days signal"
-        ]
+        days = format_count(len(found.points), "day")
+        lines = [f"{word} on {day(found.points[-1].measured)}; {out} of {days} signal"]
     else:
-        lines = [f"in control: none of {len(found.points)} days signals"]
+        lines = [f"in control: none of {format_count(len(found.points), 'day')} signals"]
     lines += [doubtful_text(one) for one in found.episodes]
     lines.append(
         f"in control all charts together signal falsely once in {found.run_length:.0f} days or "
         f"more, each of {2 * len(found.charts)} in {found.single_run_length:.0f}"
     )
     if found.too_few:
-        named = ", ".join(f"{name} ({count} days)" for name, count in found.too_few.items())
+        named = ", ".join(
+            f"{name} ({format_count(count, 'day')})" for name, count in found.too_few.items()
+        )
         lines.append(f"not charted, with fewer days than the reference: {named}")
     return lines
 

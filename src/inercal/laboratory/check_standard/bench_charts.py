@@ -19,6 +19,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.estimation.uncertainty.control_charts import (
     ChartKind,
@@ -221,7 +222,7 @@ def bench_charts(
     if not enough:
         most = max(too_few.values())
         raise InputError(
-            f"bench {bench}: {most} day{'s' * (most > 1)} with bench estimates, and the reference "
+            f"bench {bench}: {format_count(most, 'day')} with bench estimates, and the reference "
             f"takes {reference}: give a shorter --reference, {LEAST_DAYS} at least",
             key="--reference",
         )

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from inercal.basics.documents import origin, record_object
+from inercal.basics.units import format_count
 from inercal.calibration.check_standard import SCHEMA
 from inercal.estimation.uncertainty.control_charts import EWMA_WEIGHT, MEWMA_WEIGHT, ChartKind
 from inercal.laboratory.check_standard.charts import ControlCharts, Episode
@@ -41,15 +42,14 @@ def control_lines(found: ControlCharts) -> list[str]:
         lines.append("no day after the reference: nothing is charted yet")
     elif out:
         word = "in control" if found.in_control else "out of control"
-        lines.append(
-            f"{word} on {day(found.points[-1].last)}; {out} of {len(found.points)} days signal"
-        )
+        days = format_count(len(found.points), "day")
+        lines.append(f"{word} on {day(found.points[-1].last)}; {out} of {days} signal")
     else:
-        lines.append(f"in control: none of {len(found.points)} days signals")
+        lines.append(f"in control: none of {format_count(len(found.points), 'day')} signals")
     lines += [doubtful_text(one) for one in found.episodes]
     lines += [
-        f"{label} lies apart from the rest of the reference (p = {p:.1g}): leave it out, if its "
-        "cause is known"
+        f"{label} lies apart from the rest of the reference (p = {p:.1g} that it does so by "
+        "chance): leave it out, if its cause is known"
         for label, p in outlier_sessions(found.fit, "bench").items()
     ]
     limits = found.limits
@@ -60,8 +60,8 @@ def control_lines(found: ControlCharts) -> list[str]:
     )
     if found.matched.unstated:
         lines.append(
-            f"{len(found.matched.unstated)} sessions do not state what calibrations share: all of "
-            "their uncertainty is taken as shared"
+            f"{format_count(len(found.matched.unstated), 'session does', 'sessions do')} not state "
+            "what calibrations share: all of their uncertainty is taken as shared"
         )
     if found.matched.left_out:
         lines.append(f"not in all sessions, or fixed: {', '.join(found.matched.left_out)}")

@@ -13,6 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.estimation.uncertainty.components import variance_components
 from inercal.estimation.uncertainty.control_charts import (
     KINDS,
@@ -205,7 +206,7 @@ def control_charts(
     days = int(level.max()) + 1
     if days < reference:
         raise InputError(
-            f"{days} day{'s' * (days > 1)} of the check standard, and the reference takes "
+            f"{format_count(days, 'day')} of the check standard, and the reference takes "
             f"{reference}: measure it on more days, or give a shorter --reference",
             key="--reference",
         )

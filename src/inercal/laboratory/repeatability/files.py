@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from inercal.basics.documents import origin
+from inercal.basics.units import format_count
 from inercal.calibration import Calibration
 from inercal.calibration.next_use import SCHEMA
 from inercal.laboratory.repeatability.repeated_sessions import Repeatability, StatedUncertainty
@@ -88,8 +89,8 @@ def next_use_calibration(found: Repeatability) -> Calibration:
         conditions=last.conditions,
         provenance=origin() | {"sessions": ", ".join(sessions)},
         notes=(
-            f"mean of {len(sessions)} sessions; U is that of the next use, on another "
-            f"{found.scope}, and includes what the sessions share",
+            f"mean of {format_count(len(sessions), 'session')}; U is that of the next use, on "
+            f"another {found.scope}, and includes what the sessions share",
             *found.findings,
         ),
         frame=last.frame,

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_quantity
 from inercal.laboratory.repeatability.effects import Owner, named_effects, scatter
 from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
 
@@ -59,17 +60,15 @@ def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) 
         name = fit.matched.names[j]
         term = fit.matched.sensor.coefficient(name)
         own, like = (
-            np.sqrt(one[j]) * fit.unit[j] / term.si for one in (fit.alone.variance, pooled)
+            format_quantity(float(np.sqrt(one[j]) * fit.unit[j]), 0.0, term.unit, 3)
+            for one in (fit.alone.variance, pooled)
         )
-        parts.append(
-            f"{name} {own:.3g} {term.unit} in place of {like:.3g} {term.unit} "
-            f"(p = {fit.alone.chance[j]:.1g})"
-        )
+        parts.append(f"{name} {own} instead of {like}")
     if not parts:
         return []
     return [
-        f"own scatter in U of the next use, larger than that of like coefficients: "
-        f"{', '.join(parts)}; p: of its sessions' own uncertainties alone"
+        "U of the next use includes the coefficient's own scatter, which is larger than that of "
+        f"like coefficients: {', '.join(parts)}"
     ]
 
 
@@ -114,8 +113,8 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
     if not fit.variances.converged:
         lines.append("the estimate of the scatter did not converge: do not rely on it")
     lines += [
-        f"{label} lies apart from the other sessions (p = {p:.1g}): was the sensor changed, or the "
-        "bench?"
+        f"{label} lies apart from the other sessions (p = {p:.1g} that it does so by chance): was "
+        "the sensor changed, or the bench?"
         for label, p in outlier_sessions(fit, mount_owner).items()
     ]
     if fit.has_other_days:

@@ -41,7 +41,7 @@ import scipy
 
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
-from inercal.basics.units import parse_quantity
+from inercal.basics.units import format_count, parse_quantity
 from inercal.calibration.comparison.changes import YEAR
 from inercal.calibration.comparison.courses import LEAST_FOR_DRIFT
 from inercal.estimation.uncertainty.conformity import conformance_probability
@@ -208,8 +208,8 @@ def recalibration(
     limits = coefficient_limits(history, stated or {})
     if pool is not None and not needs_pool(history):
         raise InputError(
-            f"--like: {history.sensor.name} has {len(history.entries)} calibrations of its own; "
-            "remove --like",
+            f"--like: {history.sensor.name} has "
+            f"{format_count(len(history.entries), 'calibration')} of its own; remove --like",
             key="--like",
         )
     if (

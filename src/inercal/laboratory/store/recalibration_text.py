@@ -3,7 +3,7 @@
 from datetime import datetime
 from math import isfinite
 
-from inercal.basics.units import format_value_and_uncertainty
+from inercal.basics.units import format_count, format_value_and_uncertainty
 from inercal.calibration.comparison.changes import YEAR
 from inercal.laboratory.store.recalibration import CoefficientInterval, Recalibration
 
@@ -74,9 +74,9 @@ def _too_few_text(found: Recalibration) -> str:
     count = len(entries)
     first, last = (datetime.fromisoformat(entries[k].measured) for k in (0, -1))
     days = (last - first).total_seconds() / _DAY
-    apart = f" {days:.0f} day{'s' * (round(days) != 1)} apart" if count == 2 else ""
+    apart = f" {format_count(round(days), 'day')} apart" if count == 2 else ""
     have = (
-        f"{count} calibration{'s' * (count > 1)}{apart} {'are' if count > 1 else 'is'} too few to "
+        f"{format_count(count, 'calibration')}{apart} {'are' if count > 1 else 'is'} too few to "
         "predict; " if count < 3 else ""
     )  # fmt: skip
     return (
@@ -97,10 +97,10 @@ def _pool_lines(found: Recalibration) -> list[str]:
         count = len(found.history.entries)
         of_type = f" of type {found.pool.type_name}" if found.pool.type_name else ""
         lines.append(
-            f"pooled over {len(found.pool.sensors)} sensor"
-            f"{'s' * (len(found.pool.sensors) > 1)}{of_type}: "
-            f"{', '.join(found.pool.sensors)}; the sensor itself has {count} "
-            f"calibration{'s' * (count > 1)}"
+            f"pooled over {format_count(len(found.pool.sensors), 'sensor')}"
+            f"{of_type}: "
+            f"{', '.join(found.pool.sensors)}; the sensor itself has "
+            f"{format_count(count, 'calibration')}"
         )
     apart = [one.name for one in found.rows if one.is_apart]
     if apart:

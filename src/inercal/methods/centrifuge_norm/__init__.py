@@ -41,7 +41,6 @@ from inercal.methods import Fit, Method, Priors, Remarks, estimator_inputs, solv
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
 from inercal.methods.centrifuge_norm.problems import (
-    Plan,
     exact_bench_norm_problem,
     norm_problem,
     problem,
@@ -49,7 +48,7 @@ from inercal.methods.centrifuge_norm.problems import (
 from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
-from inercal.physics.plan import Attitude, Spin, arm_attitude
+from inercal.physics.plan import Attitude, Spin, Spins, arm_attitude
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations
 
@@ -120,7 +119,7 @@ def plan(
 
 
 def ml(
-    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Estimate:
     """Return the sensor's coefficients and the bench's nuisances by maximum likelihood.
 
@@ -160,7 +159,7 @@ def _attitude_gain_note(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Plan,
+    steps: Spins,
     priors: Priors,
 ) -> str:
     """Return the note on what the attitudes gain over norms, by the uncertainties as modelled."""
@@ -217,7 +216,7 @@ class ClosedFormulas:
         observations: Observations,
         sensor: Sensor,
         bench: Centrifuge,
-        steps: Plan,
+        steps: Spins,
         priors: Priors = (),
     ) -> Estimate:
         """Return the estimate; arguments as of `ml`.
@@ -313,6 +312,7 @@ METHOD = Method(
     needs=("f",),
     plan=plan,
     estimators={"ml": ml, "series": series, "series_weighted": series_weighted, "paper": paper},
+    closed_formulas=("series", "series_weighted", "paper"),
     norm_only_estimators=("ml",),
     frame=_frame,
     remarks=_remarks,

@@ -16,12 +16,13 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import least_squares
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 from inercal.methods import Priors
-from inercal.methods.centrifuge_norm.problems import Plan, norm_problem
+from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.methods.centrifuge_norm.screening import (
     START_ITERATIONS,
     Agreement,
     row_agreement,
 )
+from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -78,7 +79,7 @@ class OmittedCoefficients:
 
 
 def find_omitted_coefficients(
-    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> OmittedCoefficients:
     """Return the coefficients that explain why the rows scatter; arguments as of `screen_rows`.
 
@@ -120,7 +121,7 @@ def _ranked_groups(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Plan,
+    steps: Spins,
     priors: Priors,
     agreement: Agreement,
 ) -> list[str]:

@@ -9,7 +9,7 @@ the attitudes are nuisances with their stated deviations, so that badly known at
 the information of the norms.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -39,19 +39,17 @@ from inercal.methods.residuals import (
     norm_residuals,
 )
 from inercal.methods.residuals.term_table import term_table
-from inercal.physics.plan import Spin
+from inercal.physics.plan import Spins
 from inercal.physics.sensors import SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.recordings import Observations
-
-Plan = Sequence[Spin]
 
 _Result = TypeVar("_Result")
 _COMPARED = 16  # trials
 
 
 def problem(
-    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
     """Return the problem of `ml`: by vectors where the bench knows its attitudes, else by norms."""
     build = norm_problem if bench.indexing is None else vector_problem
@@ -59,7 +57,7 @@ def problem(
 
 
 def norm_problem(
-    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
     """Return the problem of norms alone; arguments as of `inercal.methods.centrifuge_norm.ml`.
 
@@ -106,7 +104,9 @@ def norm_problem(
     )
 
 
-def _lever_arm_candidates(built: Problem, sensor: Sensor, steps: Plan, x: Array) -> list[Candidate]:
+def _lever_arm_candidates(
+    built: Problem, sensor: Sensor, steps: Spins, x: Array
+) -> list[Candidate]:
     """Return lever arms along the axes, in unknown attitudes.
 
     An arm l along an axis adds −ω² l (1 − v²) to its reading, v the component of the vertical along
@@ -130,7 +130,7 @@ def _lever_arm_candidates(built: Problem, sensor: Sensor, steps: Plan, x: Array)
 
 
 def exact_bench_norm_problem(
-    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins
 ) -> Problem:
     """Return the problem of norms with the bench taken as exact: the readings' noise alone."""
     exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
@@ -140,7 +140,7 @@ def exact_bench_norm_problem(
 
 
 def _extended_sensor(
-    sensor: Sensor, bench: Centrifuge, steps: Plan, *, temperature_varies: bool
+    sensor: Sensor, bench: Centrifuge, steps: Spins, *, temperature_varies: bool
 ) -> Sensor:
     """Return the sensor with all coefficients that norms can show, those of `sensor` first.
 
@@ -173,7 +173,7 @@ def _ungauged_norm_problem(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Plan,
+    steps: Spins,
     declared: Mapping[str, Parameter],
     priors: Priors = (),
 ) -> Problem:
@@ -278,7 +278,7 @@ def _ungauged_norm_problem(
     )
 
 
-def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Plan) -> Bools | None:
+def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Spins) -> Bools | None:
     """Return which rows share a dwell, (r, r); None where no error of a dwell is shared."""
     if not (bench.dwell_rate or bench.dwell_tilt):
         return None
@@ -289,7 +289,7 @@ def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Plan)
 
 
 def vector_problem(
-    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
     """Return the problem of vectors in known attitudes; arguments as of `norm_problem`.
 

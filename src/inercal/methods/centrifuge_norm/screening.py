@@ -32,8 +32,9 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Cauchy, Estimate, Problem, least_squares
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.methods import Priors
-from inercal.methods.centrifuge_norm.problems import Plan, norm_problem
+from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.methods.estimator_inputs import require_single_recording
+from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -108,7 +109,7 @@ def screen_rows(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
-    steps: Plan,
+    steps: Spins,
     priors: Priors = (),
     agreement: "Agreement | None" = None,
 ) -> tuple[SuspectRow, ...]:

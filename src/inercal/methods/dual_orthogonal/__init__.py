@@ -40,13 +40,13 @@ from inercal.estimation import Estimate, least_squares
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Method, Priors, dividing_head_problem
-from inercal.methods.dividing_head_problem import Plan
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal import patent_estimator as four
 from inercal.methods.dual_orthogonal.g_squared import MOUNTING_ANGLES
 from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
+from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -126,7 +126,7 @@ def joint(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Plan,
+    steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients and the bench's errors, at the largest posterior probability.
@@ -164,7 +164,7 @@ def patent(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Plan,
+    steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by four points, then g² elsewhere; arguments as of `joint`.
@@ -193,7 +193,7 @@ def dual(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Plan,
+    steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by g² alone and the priors; arguments as of `joint`.
@@ -218,7 +218,11 @@ def dual(
 
 
 def _with_common_angle(
-    estimate: Estimate, observations: Observations, sensor: Sensor, bench: DividingHead, steps: Plan
+    estimate: Estimate,
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Indexings,
 ) -> Estimate:
     """Return an estimate of g², of mounting angles ± δ/2, with their common part and its variance.
 
@@ -258,7 +262,7 @@ def single(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Plan,
+    steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients of each accelerometer separately, the head taken as exact.
@@ -306,6 +310,7 @@ METHOD = Method(
     needs=("f",),
     plan=dividing_head_problem.plan,
     estimators={"joint": joint, "patent": patent, "dual": dual, "single": single},
+    closed_formulas=("patent", "dual"),
     weighs_common_errors=True,
     source="CN101852817A, Harbin Institute of Technology, 2010; IEEE Std 1293",
 )

@@ -28,9 +28,9 @@ from inercal.benches.dividing_head.bench import DividingHead, drift_names, sense
 from inercal.benches.dividing_head.passes import drift_ramps, first_visit_rows
 from inercal.estimation import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
 from inercal.methods import Priors, candidates
-from inercal.methods.dividing_head_problem import Plan
 from inercal.methods.mean_problem import ROUNDING
 from inercal.physics.motion import Motion
+from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -125,7 +125,7 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: DividingHead,
-    steps: Plan,
+    steps: Indexings,
     priors: Priors = (),
 ) -> Problem:
     """Return the problem of g² at every position.
@@ -226,7 +226,9 @@ def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
     return (Gauge("no common mounting angle", MOUNTING_ANGLES, np.ones((1, 2)), np.zeros(1)),)
 
 
-def require_determined(sensor: Sensor, bench: DividingHead, steps: Plan, priors: Priors) -> None:
+def require_determined(
+    sensor: Sensor, bench: DividingHead, steps: Indexings, priors: Priors
+) -> None:
     """Refuse coefficients that g² and the priors leave free at the nominal sensor.
 
     Raises
@@ -262,7 +264,7 @@ def centred_priors(priors: Priors) -> tuple[Gaussian, ...]:
     return tuple(replace(prior, mean=np.zeros(len(prior.names))) for prior in priors)
 
 
-def require_enough_positions(sensor: Sensor, steps: Plan) -> None:
+def require_enough_positions(sensor: Sensor, steps: Indexings) -> None:
     """Refuse positions too few for g² of two accelerometers, with any priors.
 
     Raises

@@ -38,9 +38,9 @@ from inercal.benches.dividing_head.passes import CARDINAL_ANGLES, matches_any_an
 from inercal.estimation import Estimate, Gaussian, Problem, least_squares
 from inercal.estimation.uncertainty import jacobian
 from inercal.methods import Priors
-from inercal.methods.dividing_head_problem import Plan
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.mean_problem import ROUNDING
+from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
@@ -85,7 +85,7 @@ def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True)
     return FourPoints(k0, gain, k2)
 
 
-def averaging_matrix(steps: Plan) -> Array:
+def averaging_matrix(steps: Indexings) -> Array:
     """Return the matrix that averages the readings at each cardinal position, (4, r).
 
     Raises
@@ -119,7 +119,11 @@ class _CoefficientMaps(NamedTuple):
 
 
 def two_stage_estimate(
-    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Plan, priors: Priors
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Indexings,
+    priors: Priors,
 ) -> Estimate:
     """Return the coefficients with the covariance of both stages, readings and bench together.
 
@@ -318,7 +322,7 @@ def _second_stage_problem(
     )
 
 
-def _require_enough(sensor: Sensor, steps: Plan, others: list[int]) -> None:
+def _require_enough(sensor: Sensor, steps: Indexings, others: list[int]) -> None:
     """Refuse positions too few for δ, K2 and Kip, with any priors.
 
     Raises

@@ -51,9 +51,10 @@ from inercal.methods.multi_position.attitude_coverage import (
 )
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
-from inercal.methods.observability import Plan, require_observed
+from inercal.methods.observability import require_observed
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.earth import COMPUTED_GRAVITY_SD
+from inercal.physics.plan import HandSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations
 
@@ -69,7 +70,7 @@ _SIGN_NOTE = (
 
 
 def joint(
-    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Hand, steps: HandSteps, priors: Priors = ()
 ) -> Estimate:
     """Return all coefficients from norms, rates and rotations together: maximum likelihood.
 
@@ -101,7 +102,7 @@ def joint(
 
 
 def sequential(
-    observations: Observations, sensor: Sensor, bench: Hand, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: Hand, steps: HandSteps, priors: Priors = ()
 ) -> Estimate:
     """Return the accelerometers from norms alone, then the gyros with the accelerometers fixed.
 

@@ -43,11 +43,12 @@ from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
 from inercal.benches.rate_platform import sections
 from inercal.benches.rate_platform.bench import RatePlatform
+from inercal.benches.rate_platform.sections import PlatformSteps
 from inercal.estimation import Estimate, Problem
 from inercal.methods import Method, Priors, estimator_inputs, mean_problem, solving
 from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_tests
 from inercal.methods.observability import require_observed
-from inercal.methods.rates_and_poses.plan_structure import Plan, require_determined
+from inercal.methods.rates_and_poses.plan_structure import require_determined
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
@@ -131,7 +132,7 @@ def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
     return [0.0, *through, 0.0, *(-rate for rate in through), 0.0]
 
 
-def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: Plan) -> Bools:
+def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: PlatformSteps) -> Bools:
     """Return whether each reading, row after row, (r m,), has no nominal input.
 
     In a pose a gyro senses the earth's rate alone, whose level part is unknown: that is none.
@@ -177,7 +178,11 @@ def without_signs(whole: Problem, sensor: Sensor, unsigned: Bools) -> Problem:
 
 
 def least_squares_line(
-    observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Plan, used: Indices
+    observations: Observations,
+    sensor: Sensor,
+    bench: RatePlatform,
+    steps: PlatformSteps,
+    used: Indices,
 ) -> Estimate:
     """Return the coefficients, with the noise of the means propagated.
 
@@ -208,7 +213,7 @@ def ml(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Plan,
+    steps: PlatformSteps,
     priors: Priors = (),
 ) -> Estimate:
     """Return the estimate of all readings but those of accelerometers while the table turns.
@@ -265,7 +270,7 @@ def ieee(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Plan,
+    steps: PlatformSteps,
     priors: Priors = (),
 ) -> Estimate:
     """Return the estimate by least squares with equal weights, as of `ml`; the bench is exact.
@@ -297,14 +302,14 @@ def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, .
     return result
 
 
-def _used_readings(sensor: Sensor, steps: Plan) -> Indices:
+def _used_readings(sensor: Sensor, steps: PlatformSteps) -> Indices:
     """Return the places of the readings that are used, row after row."""
     turning = np.array([isinstance(step, sections.RateDwell) and step.rate != 0 for step in steps])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     return np.flatnonzero(~(turning[:, None] & forces))
 
 
-def _refuse_profiles(sensor: Sensor, steps: Plan) -> None:
+def _refuse_profiles(sensor: Sensor, steps: PlatformSteps) -> None:
     """Refuse terms of a turn's profile: a mean does not hold the mean of squares of the rate."""
     terms = tuple(
         name for name in sensor.coefficients if CoefficientName(name).term in ("scale2", "scale3")
@@ -332,6 +337,7 @@ METHOD = Method(
     needs=(),
     plan=plan,
     estimators={"ml": ml, "ieee": ieee},
+    closed_formulas=("ieee",),
     constant_rates=True,
     weighs_common_errors=True,
     source="IEEE Std 952 and 1431, rate tests; IEEE Std 1293, multipoint tests",

@@ -14,15 +14,13 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
+from inercal.benches.rate_platform.sections import PlatformSteps, RateDwell
 from inercal.estimation.nullspace import row_echelon_form
 from inercal.methods import Priors, temperature
 from inercal.methods.observability import direction_in_words
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
-
-Plan = Sequence[PlatformStep]
 
 TOLERANCE = 2e-3  # of the largest scaled singular value
 _NAMED = 1e-6  # of the largest weight of a direction
@@ -32,7 +30,7 @@ def require_determined(
     observations: Observations,
     sensor: Sensor,
     bench: RatePlatform,
-    steps: Plan,
+    steps: PlatformSteps,
     priors: Priors,
     used: Indices,
 ) -> None:
@@ -88,7 +86,7 @@ def null_directions(design: Array) -> Array:
 
 
 def _nominal_design(
-    observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Plan
+    observations: Observations, sensor: Sensor, bench: RatePlatform, steps: PlatformSteps
 ) -> Array:
     """Return the derivatives of the nominal readings by the coefficients, (..., r m, p)."""
     nominal = bench.without_earth_rate().mean_motion(steps, {}).motion
@@ -98,7 +96,7 @@ def _nominal_design(
     return natural.reshape(*natural.shape[:-3], -1, natural.shape[-1])
 
 
-def _remedy(names: Sequence[str], steps: Plan) -> str:
+def _remedy(names: Sequence[str], steps: PlatformSteps) -> str:
     """Return what sections would determine coefficients, as part of a sentence."""
     terms = {CoefficientName(name).term for name in names}
     rates = [step.rate for step in steps if isinstance(step, RateDwell) and step.rate != 0]

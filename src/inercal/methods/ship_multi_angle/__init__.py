@@ -36,18 +36,17 @@ from inercal.estimation import Estimate, Problem, least_squares
 from inercal.methods import Method, Priors, ship_consistency, solving
 from inercal.methods.estimator_inputs import refuse_priors, require_matching_rows
 from inercal.methods.observability import require_observed
-from inercal.methods.ship_consistency import Plan
 from inercal.methods.ship_multi_angle.norm_equations import norm_observations, tilted_rows
 from inercal.methods.ship_multi_angle.norm_estimators import damped, global_
 from inercal.methods.ship_planar import affine_estimate, planar, remarks, require_excitation
-from inercal.physics.plan import Spin
+from inercal.physics.plan import Spin, Spins
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
 from inercal.recordings import Observations
 
 
 def planar_norm(
-    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Estimate:
     """Return the twelve coefficients by untilted states' vectors and tilted ones' norms.
 
@@ -138,7 +137,7 @@ def plan(
 
 
 def joint(
-    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Estimate:
     """Return the coefficients and the bench's errors, at the largest posterior probability.
 
@@ -177,7 +176,7 @@ def joint(
     return replace(estimate, notes=(_state_note(estimate, steps), *estimate.notes))
 
 
-def _state_note(estimate: Estimate, steps: Plan) -> str:
+def _state_note(estimate: Estimate, steps: Spins) -> str:
     """Return the note on what the states determine, what priors decided, and the frame."""
     text = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
     if left := [one.words for one in estimate.null_directions]:

@@ -28,13 +28,13 @@ from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.estimation import NullDirection
 from inercal.methods import Priors
 from inercal.methods.observability import OBSERVABILITY_LIMIT, direction_in_words
-from inercal.methods.ship_consistency import Plan
 from inercal.methods.ship_multi_angle.norm_equations import (
     RANK_TOLERANCE,
     norm_jacobian,
     rotation_directions,
 )
 from inercal.methods.ship_planar import fit_level_states, require_excitation
+from inercal.physics.plan import Spins
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import (
     AFFINE_NAMES,
@@ -161,7 +161,7 @@ def starting_point(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Plan,
+    steps: Spins,
     priors: Priors,
     groups: Sequence[int],
 ) -> StartingPoint:
@@ -199,7 +199,7 @@ def starting_point(
 
 
 def require_convergence(
-    converged: Bools, sensor: Sensor, bench: RateTable, steps: Plan, groups: Sequence[int]
+    converged: Bools, sensor: Sensor, bench: RateTable, steps: Spins, groups: Sequence[int]
 ) -> None:
     """Refuse a solution that does not converge because these tilts do not show a direction.
 
@@ -225,7 +225,7 @@ def require_convergence(
 
 
 def _start_from_priors(
-    sensor: Sensor, priors: Priors, bench: RateTable, groups: Sequence[int], steps: Plan
+    sensor: Sensor, priors: Priors, bench: RateTable, groups: Sequence[int], steps: Spins
 ) -> StartingPoint:
     """Return θ and its covariance by the priors; refuse coefficients without a prior."""
     names = sensor.coefficients
@@ -256,7 +256,7 @@ def _start_from_priors(
 
 
 def _nominal_free_directions(
-    sensor: Sensor, bench: RateTable, steps: Plan, groups: Sequence[int]
+    sensor: Sensor, bench: RateTable, steps: Spins, groups: Sequence[int]
 ) -> FreeDirections:
     """Return the free directions of an ideal sensor without noise."""
     f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0

@@ -50,8 +50,8 @@ from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import is_tilted
 from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
-from inercal.methods.ship_consistency import Plan
 from inercal.physics.frames import decompose_symmetric, skew
+from inercal.physics.plan import Spins
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel, require_affine_triad
 from inercal.recordings import Observations
@@ -174,7 +174,7 @@ def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSoluti
     )
 
 
-def tilted_rows(name: str, observations: Observations, sensor: Sensor, steps: Plan) -> list[int]:
+def tilted_rows(name: str, observations: Observations, sensor: Sensor, steps: Spins) -> list[int]:
     """Return the rows of the tilted states, or refuse too few."""
     refuse_temperature_terms(sensor, name, "joint")
     require_affine_triad(sensor)
@@ -191,7 +191,7 @@ def tilted_rows(name: str, observations: Observations, sensor: Sensor, steps: Pl
 
 
 def norm_observations(
-    observations: Observations, bench: RateTable, steps: Plan, groups: Sequence[int]
+    observations: Observations, bench: RateTable, steps: Spins, groups: Sequence[int]
 ) -> tuple[Array, Array]:
     """Return readings of the groups, (..., r, 3) g, and A² + 1, (r,) g²."""
     f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0

@@ -11,14 +11,16 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_count
 from inercal.benches.rate_table.bench import RateTable
 from inercal.estimation import Estimate, NullDirection
 from inercal.methods import Priors
 from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
-from inercal.methods.ship_consistency import Plan, bench_sensitivities, consistency, row_covariance
+from inercal.methods.ship_consistency import bench_sensitivities, consistency, row_covariance
 from inercal.methods.ship_multi_angle import free_norm_directions as free
 from inercal.methods.ship_multi_angle import norm_equations
 from inercal.methods.ship_planar import affine_estimate
+from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
 from inercal.recordings import Observations
@@ -29,7 +31,7 @@ _BOUND_TOLERANCE = 1e-6  # of a bound: rounding
 
 
 def damped(
-    observations: Observations, sensor: Sensor, bench: RateTable, steps: Plan, priors: Priors = ()
+    observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Estimate:
     """Return the twelve coefficients by the norms of the tilted states, damped as in the source.
 
@@ -80,7 +82,7 @@ def global_(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Plan,
+    steps: Spins,
     priors: Priors = (),
     *,
     options: norm_equations.SearchOptions = DEFAULT_SEARCH,
@@ -182,7 +184,7 @@ def _norm_estimate(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
-    steps: Plan,
+    steps: Spins,
     used: tuple[Sequence[int], Sequence[int]],
     gain: Array,
     done: norm_equations.DampedSolution,
@@ -242,10 +244,9 @@ def _free_direction_notes(
             "frame in the housing is not determined"
         )
     if named:
-        directions = "direction" if len(named) == 1 else "directions"
         notes.append(
-            f"warning: {rank}; {what} decided {len(named)} {directions}, whose uncertainty is "
-            f"that of {source}: {'; '.join(named)}"
+            f"warning: {rank}; {what} decided {format_count(len(named), 'direction')}, whose "
+            f"uncertainty is that of {source}: {'; '.join(named)}"
         )
     if left.weak:
         words = "; ".join(one.words for one in left.weak)

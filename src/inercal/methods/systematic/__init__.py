@@ -31,7 +31,7 @@ from inercal.methods.systematic.segments import (
     shift_forces,
     shift_forces_of_track,
 )
-from inercal.methods.turntable import Plan
+from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
@@ -42,7 +42,7 @@ def batch(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable | StillTable,
-    steps: Plan,
+    steps: TableSteps,
     priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by generalised least squares over all rests and turns.
@@ -80,7 +80,7 @@ def kalman(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable | StillTable,
-    steps: Plan,
+    steps: TableSteps,
     priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients by a Kalman filter over the recording, in passes.
@@ -143,6 +143,7 @@ METHOD = Method(
     needs=("f", "w"),
     plan=systematic_plan,
     estimators={"batch": batch, "kalman": kalman},
+    closed_formulas=("kalman",),
     sequential=sequential,
     final_by_recording=True,
     frame=triangular_frame,

@@ -41,7 +41,7 @@ from inercal.methods.systematic.segments import (
     require_imu,
     segments_of_track,
 )
-from inercal.methods.turntable import Plan
+from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Track, join_tracks
 
@@ -297,7 +297,12 @@ class LiveNavigation:
 
 
 def sequential(
-    estimator: str, sensor: Sensor, bench: Turntable, steps: Plan, priors: Priors, rate_hz: float
+    estimator: str,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: TableSteps,
+    priors: Priors,
+    rate_hz: float,
 ) -> LiveNavigation:
     """Return the filter of a run before its first sample.
 

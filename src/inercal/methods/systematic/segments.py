@@ -10,7 +10,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_quantity
+from inercal.basics.units import format_count, format_quantity
 from inercal.estimation import ModelTest
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.physics.sensors import Sensor
@@ -127,7 +127,7 @@ def segments_of_track(
     rests = _rest_ranges(track.hold)
     if len(rests) < MIN_RESTS:
         raise InputError(
-            f"the recording has {len(rests)} rest{'s' * (len(rests) != 1)} of 5 s or more; "
+            f"the recording has {format_count(len(rests), 'rest')} of 5 s or more; "
             f"systematic calibration needs {MIN_RESTS} or more, with turns between them",
             key="[data] file",
         )

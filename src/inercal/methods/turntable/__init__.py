@@ -5,7 +5,7 @@ The methods are `turntable_kalman`, `turntable_discrete` and `turntable_trajecto
 Remarks on a fit name parameters of the turntable that are far from their values in the run file.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import degrees, radians, sqrt
 
 import numpy as np
@@ -19,8 +19,6 @@ from inercal.physics.plan import TableStep
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track
-
-Plan = Sequence[TableStep]
 
 # Standard deviations: of twenty parameters as stated, one run in 800 has one
 _MAX_DEVIATION_SD = 4.0

@@ -16,6 +16,7 @@ estimates with its stated prior is a column too: the test shows a departure beyo
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -87,6 +88,7 @@ class ColumnInputs(NamedTuple):
     temperature_offset: Array | None  # (e,), as of `sensor_columns`
 
 
+@lru_cache(maxsize=64)
 def sensor_of_omitted_coefficients(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
     """Return a triad with the coefficients of its tables that are not estimated.
 

@@ -30,20 +30,24 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
-from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
+from inercal.benches.turntable.attitude import (
+    Misalignment,
+    linear_misalignment,
+    reference_attitude,
+)
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
 from inercal.estimation import Estimate, Problem
 from inercal.estimation import least_squares as solve
 from inercal.methods import Method, Priors, mean_problem
 from inercal.methods.observability import require_observed
-from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, Plan, remarks
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, remarks
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.score_columns import families
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.frames import log_so3, skew
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Position, Rotation
+from inercal.physics.plan import Position, Rotation, TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import STAMP_ROUNDING, Observations, Track
 
@@ -74,7 +78,7 @@ def declared_parameters(bench: Turntable) -> dict[str, Parameter]:
     return bench.acting_parameters() | {"latitude": latitude}
 
 
-def planned_angles(bench: Turntable, steps: Plan) -> list[AxisAngles]:
+def planned_angles(bench: Turntable, steps: TableSteps) -> list[AxisAngles]:
     """Return the ways that steps ask for; of a rotation one turn at its steady rate.
 
     Parameters
@@ -115,16 +119,19 @@ def _time_weights(time: Array) -> Array:
     return weights
 
 
-def row_means(bench: Turntable, way: AxisAngles) -> MeanMotion:
+def row_means(bench: Turntable, time: Array, mat: Array, seen: Misalignment) -> MeanMotion:
     """Return the sensed motion in one row with the bench as its readback says.
 
-    Raises
-    ------
-    InputError
-        Angles of another number of axes.
+    Parameters
+    ----------
+    bench : Turntable
+    time : (n,) array
+        s.
+    mat : (..., n, 3, 3) array
+        Attitude by the readback, body to level.
+    seen : Misalignment
+        What turns it, at the same samples.
     """
-    time, mat = way.time, reference_attitude(bench, way.angles)
-    seen = linear_misalignment(bench, way.angles)
     up, north = earth_rate_up_north(bench.latitude)
     force, earth = np.array([0, 0, bench.gravity.value]), np.array([0, north, up])
     back = np.swapaxes(mat, -1, -2)
@@ -171,17 +178,23 @@ def stack_row_means(bench: Turntable, ways: Sequence[AxisAngles]) -> MeanMotion:
     InputError
         Angles of another number of axes.
     """
-    result = [row_means(bench, way) for way in ways]
+    lead = np.broadcast_shapes(*(way.angles.shape[:-2] for way in ways))
+    angles = np.concatenate(
+        [np.broadcast_to(way.angles, (*lead, *way.angles.shape[-2:])) for way in ways], axis=-2
+    )
+    mat, seen = reference_attitude(bench, angles), linear_misalignment(bench, angles)
+    result: list[MeanMotion] = []
+    start = 0
+    for way in ways:
+        at = slice(start, start := start + len(way.time))
+        there = Misalignment(seen.parameters, seen.by[..., at, :, :])
+        result.append(row_means(bench, way.time, mat[..., at, :, :], there))
     zero = np.zeros_like(result[0].f)
-
-    def stacked(each: Sequence[Array]) -> Array:
-        return np.stack(np.broadcast_arrays(*each), axis=-2)
-
-    df = {n: stacked([one.df[n] for one in result]) for n in result[0].df}
+    df = {n: np.stack([one.df[n] for one in result], axis=-2) for n in result[0].df}
     names = dict.fromkeys(name for one in result for name in one.dw)
-    dw = {n: stacked([one.dw.get(n, zero) for one in result]) for n in names}
-    motion = Motion(stacked([one.f for one in result]), stacked([one.w for one in result]))
-    return MeanMotion(motion, df, dw)
+    dw = {n: np.stack([one.dw.get(n, zero) for one in result], axis=-2) for n in names}
+    f, w = (np.stack([getattr(one, which) for one in result], axis=-2) for which in "fw")
+    return MeanMotion(Motion(f, w), df, dw)
 
 
 def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array]) -> MeanMotion:
@@ -208,7 +221,11 @@ def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array])
 
 
 def least_squares(
-    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan, priors: Priors = ()
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: TableSteps,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients from one row for each position and each rotation.
 
@@ -285,7 +302,7 @@ def problem(
 
 
 def _add_readback_noise(
-    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan
+    observations: Observations, sensor: Sensor, bench: Turntable, steps: TableSteps
 ) -> Observations:
     """Return the observations with the readback's white noise σ in their covariance.
 
@@ -319,7 +336,7 @@ def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observatio
 
 
 def _rows_from_readback(
-    observations: Observations, track: Track, steps: Plan
+    observations: Observations, track: Track, steps: TableSteps
 ) -> tuple[Observations, list[AxisAngles]]:
     """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
     means, ways = observations.mean.copy(), list[AxisAngles]()
@@ -344,7 +361,7 @@ def _rows_from_readback(
     return replace(observations, mean=means), ways
 
 
-def _require_axes(bench: Turntable, steps: Plan) -> None:
+def _require_axes(bench: Turntable, steps: TableSteps) -> None:
     k = len(bench.axes)
     for step in steps:
         if step.angles is not None and len(step.angles) != k:

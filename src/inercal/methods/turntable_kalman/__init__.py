@@ -33,7 +33,6 @@ from inercal.benches.turntable.paths import path_by_name as named_path
 from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.methods import Fit, Method, PartialEstimate, Priors, Remarks, turntable
-from inercal.methods.turntable import Plan
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman.combined_estimate import (
     estimate_by_filters,
@@ -46,6 +45,7 @@ from inercal.methods.turntable_kalman.filter_config import (
     FilterConfig,
     filter_conditions,
 )
+from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Track, join_tracks
 
@@ -58,7 +58,7 @@ def sequential(
     estimator: str,
     sensor: Sensor,
     bench: Turntable,
-    steps: Plan,
+    steps: TableSteps,
     priors: Priors,
     rate_hz: float,
     *,

@@ -141,7 +141,7 @@ def run_accelerometer_filter(
         predict_covariance(model.drift, gm, to, work.moved, p)
         nis, lost = 0.0, begins
         if not lost:
-            _observe(e, readback, model, state, work, h)
+            _update_by_readback(e, readback, model, state, work, h)
             for k in range(5):
                 variance[k] = settings.velocity_variance if k < 3 else readback.noise[e, k - 3]
                 innovation[k] = z[k]
@@ -293,7 +293,7 @@ def _transition(
 
 
 @kernel_piece
-def _observe(
+def _update_by_readback(
     e: int,
     readback: VelocityReadback,
     model: KernelModel,

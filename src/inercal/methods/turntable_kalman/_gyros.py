@@ -56,7 +56,7 @@ from inercal.methods.turntable_kalman._readback import (
     align,
     begin_epoch,
     feed_back,
-    observe,
+    update_by_readback,
 )
 
 
@@ -117,7 +117,9 @@ def run_gyro_filter(
         predict_covariance(model.drift, gm, to, work.moved, p)
         nis = 0.0
         if not lost:
-            observe(e, readback, model, settings, state, work, ReadbackTerms(z, spread, h), gain)
+            update_by_readback(
+                e, readback, model, settings, state, work, ReadbackTerms(z, spread, h), gain
+            )
             for k in range(3):
                 innovation[k] = z[k]
                 for j in range(n):

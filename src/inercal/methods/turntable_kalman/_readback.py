@@ -165,7 +165,7 @@ def align(
 
 
 @kernel_piece
-def observe(
+def update_by_readback(
     e: int,
     readback: AttitudeReadback,
     model: KernelModel,

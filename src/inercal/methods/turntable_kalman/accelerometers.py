@@ -234,6 +234,10 @@ class AccelerometerFilter(Filter[VelocityState]):
         )
         return (seen.by[..., :2, :] ** 2) @ variance
 
+    @cached_property
+    def _bench_with_harmonic(self) -> Turntable:
+        return replace(self.bench, harmonics=(1.0,))
+
     def _readback_noise(self, angles: Array, quality: AngleQuality | None) -> tuple[Array, Array]:
         """Return the principal directions of the readback's noise, (e, 2, 2), and its variances.
 
@@ -243,7 +247,7 @@ class AccelerometerFilter(Filter[VelocityState]):
             level = np.tile(np.eye(2), (len(angles), 1, 1))
             return level, np.full((len(angles), 2), self.readback_sd**2)
         # Sine and cosine of a harmonic turn about an axis as noise does; their squares add up to 1.
-        seen = linear_misalignment(replace(self.bench, harmonics=(1.0,)), angles)
+        seen = linear_misalignment(self._bench_with_harmonic, angles)
         waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin1", "cos1"))]
         east, north = np.moveaxis(seen.by[..., :2, waves], 1, 0)
         (ee, nn), en = (

@@ -13,7 +13,7 @@ from inercal.estimation import Estimate, Gaussian
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.methods import Priors, temperature
-from inercal.methods.turntable import Plan, model
+from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import filter_tests
 from inercal.methods.turntable_kalman._filter_steps import INNOVATION_GATE
 from inercal.methods.turntable_kalman.filter_config import (
@@ -24,6 +24,7 @@ from inercal.methods.turntable_kalman.filter_config import (
     require_whole_epoch,
     sampling_step,
 )
+from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
@@ -69,7 +70,7 @@ def estimate_by_filters(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable,
-    steps: Plan,
+    steps: TableSteps,
     priors: Priors = (),
     *,
     config: FilterConfig,

@@ -27,7 +27,6 @@ from inercal.methods import Method, Priors, mean_problem, temperature
 from inercal.methods.turntable import (
     DEFAULT_COEFFICIENTS,
     FURTHER_COEFFICIENTS,
-    Plan,
     model,
     remarks,
     score_columns,
@@ -35,6 +34,7 @@ from inercal.methods.turntable import (
 from inercal.methods.turntable.score_columns import ConstantColumn
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows, parameters
+from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
@@ -43,7 +43,11 @@ _ROUNDING = 1e-7
 
 
 def trajectory(
-    observations: Observations, sensor: Sensor, bench: Turntable, steps: Plan, priors: Priors = ()
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: TableSteps,
+    priors: Priors = (),
 ) -> Estimate:
     """Return the coefficients from a complete recording, one trial after the other.
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from functools import lru_cache
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
@@ -10,13 +11,14 @@ from inercal.physics.sensors.axis import Axis
 from inercal.physics.sensors.coefficient_tables import TABLES
 
 
-def select_coefficients(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[str, ...]:
+@lru_cache(maxsize=256)
+def select_coefficients(axes: tuple[Axis, ...], chosen: tuple[str, ...]) -> tuple[str, ...]:
     """Return full coefficient names, axis by axis in the order of the tables.
 
     Parameters
     ----------
-    axes : sequence of Axis
-    chosen : sequence of str
+    axes : tuple of Axis
+    chosen : tuple of str
         `"k0"`, `"x.k0"`, a group (`"bias"`, `"misalignment"`, …) or `"x.misalignment"`.
 
     Raises

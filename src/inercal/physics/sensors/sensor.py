@@ -63,7 +63,7 @@ class Sensor:
     form: Form = "reference"
     reference_temperature: float = 293.15
     frame: Literal["mount", "symmetric"] = "mount"
-    _by_axis: Mapping[str, tuple[ErrorTerm, ...]] = field(init=False, repr=False, compare=False)
+    _terms: Mapping[str, ErrorTerm] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         names = [axis.name for axis in self.axes]
@@ -73,12 +73,12 @@ class Sensor:
                 "own",
                 names=tuple(names),
             )
-        by_axis: dict[str, list[ErrorTerm]] = {name: [] for name in names}
         terms = {
             kind: {term.name: term for term in TABLES[kind]}
             for kind in {axis.measures for axis in self.axes}
         }
         tables = {axis.name: terms[axis.measures] for axis in self.axes}
+        chosen: dict[str, ErrorTerm] = {}
         for full in self.coefficients:
             axis, short = CoefficientName(full).parts
             known = tables.get(axis, {})
@@ -88,8 +88,8 @@ class Sensor:
                     + (f", and {axis} has {', '.join(known)}" if known else ""),
                     names=(full,),
                 )
-            by_axis[axis].append(known[short])
-        object.__setattr__(self, "_by_axis", {k: tuple(v) for k, v in by_axis.items()})
+            chosen[full] = known[short]
+        object.__setattr__(self, "_terms", chosen)
 
     def with_coefficients(self, *chosen: str) -> "Sensor":
         """Return the sensor with coefficients chosen by name, group or axis.
@@ -118,8 +118,7 @@ class Sensor:
 
     def coefficient(self, full: str) -> ErrorTerm:
         """Return the table entry of a full name such as "x.k0"."""
-        axis, short = CoefficientName(full).parts
-        return next(c for c in self._by_axis[axis] if c.name == short)
+        return self._terms[full]
 
     @cached_property
     def unit_scale(self) -> Array:
@@ -133,14 +132,14 @@ class Sensor:
     @cached_property
     def affine(self) -> bool:
         """Whether readings are affine in f and ω, and depend on nothing else."""
-        table = [c.basis for line in self._by_axis.values() for c in line]
+        table = [term.basis for term in self._terms.values()]
         linear = all(basis.degree(*MOTION_COMPONENTS) <= 1 for basis in table)
         others = self.uses("si", "swi", "dT", "dTdt", "ai", "ap", "ao")
         return linear and not others and (self.form == "reference" or self.coefficients == ())
 
     def uses(self, *components: str) -> bool:
         """Return whether any chosen coefficient acts on one of the components of the motion."""
-        return any(c.basis.uses(*components) for line in self._by_axis.values() for c in line)
+        return any(term.basis.uses(*components) for term in self._terms.values())
 
     def to_si(self, output: Array) -> Array:
         """Return nominal readings in SI, (..., n, m), from output units."""
@@ -158,9 +157,12 @@ class Sensor:
     @cached_property
     def _groups(self) -> tuple[SimilarAxes, ...]:
         """The axes, those of one kind with the same terms together."""
+        by_axis: dict[str, list[ErrorTerm]] = {axis.name: [] for axis in self.axes}
+        for full, term in self._terms.items():
+            by_axis[CoefficientName(full).axis].append(term)
         alike: dict[tuple[Measures, tuple[ErrorTerm, ...]], list[int]] = {}
         for k, axis in enumerate(self.axes):
-            terms = sorted(self._by_axis[axis.name], key=TABLES[axis.measures].index)
+            terms = sorted(by_axis[axis.name], key=TABLES[axis.measures].index)
             alike.setdefault((axis.measures, tuple(terms)), []).append(k)
         return tuple(
             SimilarAxes(

@@ -1,10 +1,10 @@
 """A budget as rows of text, rounded to the uncertainty, and as one JSON object in SI."""
 
 from dataclasses import dataclass
-from math import hypot, log10
+from math import hypot
 from typing import Any, Literal
 
-from inercal.basics.units import format_value_and_uncertainty
+from inercal.basics.units import format_count, format_number, format_value_and_uncertainty
 from inercal.physics.sensors import SI_UNITS
 from inercal.pipeline.budget import Budget, BudgetDeviations
 
@@ -74,8 +74,8 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
         )
     if small:
         linear, size = (hypot(*column) for column in zip(*small, strict=True))
-        name = f"{len(small)} other" + "s" * (len(small) > 1)
-        cells = (f"{linear:.2g}", f"{size:.2g}", "")
+        name = format_count(len(small), "other")
+        cells = (format_number(linear, 2), format_number(size, 2), "")
         rows.append(BudgetRow(name, "", *cells, share(size), "others", size, linear))
     linear, error = (float(x[k]) / si for x in (budget.total.first_order, budget.total.error))
     cells = (
@@ -101,11 +101,7 @@ def shift_cells(budget: Budget, k: int) -> list[str]:
     si = sensor.coefficient(sensor.coefficients[k]).si
     least = 1e-4 * float(budget.total.monte_carlo[k])
     sizes = [float(one.shift[k]) for one in budget.shifts]
-    return [_three_digits(x / si) if abs(x) > least else "0" for x in sizes]
-
-
-def _three_digits(x: float) -> str:
-    return f"{x:+.3g}" if abs(x) < 999.5 else f"{round(x, 2 - int(log10(abs(x)))):+.0f}"
+    return [f"{'+' * (x > 0)}{format_number(x / si, 3)}" if abs(x) > least else "0" for x in sizes]
 
 
 def budget_as_dict(budget: Budget) -> dict[str, Any]:

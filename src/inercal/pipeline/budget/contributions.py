@@ -19,7 +19,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.parallel import Executor
-from inercal.basics.units import Measured
+from inercal.basics.units import Measured, format_number, format_quantity
 from inercal.benches import MeanBench
 from inercal.benches.kind_definition import Effect
 from inercal.benches.kinds import kind_for_bench
@@ -147,12 +147,14 @@ def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
         if value and _effect_reaches_sensor(experiment, effect):
             absent[effect.field] = effect.absent
             shift = shift_with(replace(bench, **{effect.field: effect.absent}))
-            shifts.append(Shift(effect.name, f"{value * effect.per:.4g} {effect.unit}", shift))
+            shifts.append(
+                Shift(effect.name, f"{format_number(value * effect.per, 4)} {effect.unit}", shift)
+            )
     more = tuple(name for name, c in experiment.truth.items() if name not in own and c)
     full = replace(experiment.sensor, coefficients=(*own, *more))
     for name in more:
         line = full.coefficient(name)
-        text = f"{experiment.truth[name] / line.si:.4g} {line.unit}"
+        text = format_quantity(experiment.truth[name], 0.0, line.unit, 4)
         shifts.append(Shift(name, text, shift_with(bench, (name,))))
     if len(shifts) > 1:
         shifts.append(Shift("all of these", "", shift_with(replace(bench, **absent), more)))

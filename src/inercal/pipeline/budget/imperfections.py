@@ -13,6 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.parameters import Parameter
+from inercal.basics.units import format_number, format_quantity
 from inercal.estimation import Gaussian
 from inercal.physics.sensors import G0, Sensor
 
@@ -124,7 +125,7 @@ def prior_imperfection(sensor: Sensor, prior: Gaussian) -> Imperfection:
     names = ", ".join(prior.names)
     sd = np.sqrt(np.diagonal(prior.covariance)).tolist()
     lines = [sensor.coefficient(name) for name in prior.names]
-    texts = [f"{x / line.si:.3g} {line.unit}" for x, line in zip(sd, lines, strict=True)]
+    texts = [format_quantity(x, 0.0, line.unit, 3) for x, line in zip(sd, lines, strict=True)]
     return Imperfection(f"prior of {names}", "known from elsewhere", ", ".join(texts), prior.names)
 
 
@@ -138,7 +139,7 @@ def format_deviations(deviations: Sequence[float], unit: str) -> str:
     """
     low, high = min(deviations), max(deviations)
     name, si = _angle_unit(high) if unit == "rad" else _PRINTED_UNITS[unit]
-    ends = [f"{x / si:.3g}" for x in (low, high)]
+    ends = [format_number(x / si, 3) for x in (low, high)]
     return f"{' – '.join(dict.fromkeys(ends))} {name}"
 
 

@@ -18,7 +18,11 @@ from inercal.physics.plan import Hold, Step
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import read_out
 from inercal.recordings import Mark, Recording
-from inercal.recordings.segments import marks_from_labels, observe, transitions_between_rests
+from inercal.recordings.segments import (
+    average_sections,
+    marks_from_labels,
+    transitions_between_rests,
+)
 from inercal.runfile import Run
 
 SESSIONS = 5
@@ -125,7 +129,7 @@ class _Rehearsal:
         recording = self._recording(np.random.default_rng(seed))
         holds = tuple(step for step in self.steps if isinstance(step, Hold))
         marks = _trimmed_marks(recording)
-        seen = observe(recording, self.sensor, marks, holds, by_hand=True)
+        seen = average_sections(recording, self.sensor, marks, holds, by_hand=True)
         if self.sensor.select_axes("w").axes:
             turns = transitions_between_rests(recording, self.sensor, marks)
             seen = replace(seen, transitions=turns)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.pipeline.drafts.readouts import (
     axis_changes,
     find_quiet_sections,
@@ -143,8 +144,8 @@ def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Seq
         changes = [name_columns(one, columns) for one in axis_changes(turns)]
         first, last = triple[0], triple[-1]
         text = (
-            f"{first} to {last} look like gyros, but {len(turns.angles)} turns between rests do "
-            "not agree with gravity"
+            f"{first} to {last} look like gyros, but do not agree with gravity in "
+            f"{format_count(len(turns.angles), 'turn')} between rests"
         )
         return text + f"; they agree if {', or if '.join(changes)}" * bool(changes)
     return ""
@@ -274,7 +275,7 @@ def require_finite_rows(log: Path, table: Table, names: Sequence[str]) -> None:
     first = int(np.argmax(rows))
     name = next(name for name, bad in found if bad[first])
     raise InputError(
-        f"{log}: {count} row{'s' * (count > 1)} with a number that is missing, not finite or too "
+        f"{log}: {format_count(count, 'row')} with a number that is missing, not finite or too "
         f"large, the first {name} at "
         f"{table.place(first)}: remove them, or state --set data.nonfinite=drop",
         file=log,

@@ -10,7 +10,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import ZERO_CELSIUS, si_factor
+from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.physics.section_settings import si_value
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
@@ -168,7 +168,7 @@ def noise_keys(
     found: dict[str, tuple[DraftKey, ...]] = {}
     for kind, readout in readouts.items():
         density = white_noise(readings[kind], rests, readout.size, dt)
-        text = f"{density / si_factor(units[kind]):.3g} {units[kind]}"
+        text = format_quantity(density, 0.0, units[kind], 3)
         found[kind] = (DraftKey(f"sensor.{kind}", "white", text, reason),)
     return found
 
@@ -181,7 +181,7 @@ def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
     reason = "anywhere near sea level: state latitude and height instead for less uncertainty"
     entries.append(DraftKey("bench", "gravity", _ANYWHERE, reason))
     if bench in ("centrifuge", "rate_table"):
-        text = UNKNOWN if radius is None else f"{radius:.4g} m ± {0.02 * radius:.1g} m"
+        text = UNKNOWN if radius is None else format_quantity(radius, 0.02 * radius, "m")
         reason = "from the norms and the rates: state what was measured"
         ask = 'the radius of the arm with its uncertainty, such as "1 m ± 0.1 mm"'
         entries.append(DraftKey("bench", "radius", text, reason, ask))
@@ -303,7 +303,12 @@ def _railed_samples(x: Array, every: Sequence[Array]) -> int:
 
 def deviation_key(deviation: float, reason: str) -> DraftKey:
     """Return the deviation of means, of gravity, as a key."""
-    return DraftKey("data.sd", "accelerometer", f"{1e6 * deviation:.2g} µg", reason)
+    return DraftKey(
+        "data.sd",
+        "accelerometer",
+        format_quantity(deviation * si_factor("g"), 0.0, "µg", 2),
+        reason,
+    )
 
 
 def facts(
@@ -316,7 +321,10 @@ def facts(
 ) -> tuple[str, ...]:
     """Return what was seen of a recording, in a line each: size, rate, rests, ranges."""
     rows = next(iter(table.columns.values())).size
-    facts = [f"{' and '.join(log.name for log in logs)}: {rows} rows of {len(table.names)} columns"]
+    facts = [
+        f"{' and '.join(log.name for log in logs)}: {rows} rows of "
+        f"{format_count(len(table.names), 'column')}"
+    ]
     if time is not None and time.size > 1:
         step = float(np.median(np.diff(time)))
         facts.append(f"{time[-1] - time[0]:.1f} s at {1 / step:.5g} Hz")
@@ -324,7 +332,7 @@ def facts(
         spans = rests.spans
         samples = int((spans[:, 1] - spans[:, 0]).sum())
         unit = "samples"
-        facts.append(f"{len(spans)} sections at rest, {samples} of {rows} {unit}")
+        facts.append(f"{format_count(len(spans), 'section')} at rest, {samples} of {rows} {unit}")
     every = list(np.hstack(list(readings.values())).T)
     for kind, data in readings.items():
         facts.append(f"{kind}s read {data.min():.6g} to {data.max():.6g}")

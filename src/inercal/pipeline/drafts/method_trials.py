@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from inercal.basics.errors import InercalError
+from inercal.basics.units import format_count
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections
 from inercal.recordings.io.column_table import shorten
@@ -51,7 +52,7 @@ class MethodTrial(NamedTuple):
         if self.outcome is None:
             return f"{self.called}: {self.reason}"
         count = len(self.outcome.calibration.sensor.coefficients)
-        return f"{self.called}: {count} coefficients, {self.outcome.verdict.word}"
+        return f"{self.called}: {format_count(count, 'coefficient')}, {self.outcome.verdict.word}"
 
 
 def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.physics.sensors import G0
 from inercal.recordings import Indices
 from inercal.recordings.segments.gravity_turns import (
@@ -258,11 +259,12 @@ def guess_gyro(
             stated, "", 0.0, _GYRO_UNITS[stated], "stated by the columns' names or by the format"
         )
     size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)
-    reason = f"{count} turns between rests agree with gravity to {np.degrees(misfit):.1f}°"
+    turned = format_count(count, "turn between rests agrees", "turns between rests agree")
+    reason = f"{turned} with gravity to {np.degrees(misfit):.1f}°"
     if size is None and len(turns) >= _FEWEST_TURNS:
         swept = [_norm_of_sum(gyro[a:b] - np.median(rests.rate, axis=0)) for a, b in turns]
         size = 2 * np.pi / float(np.median(swept))
-        reason = f"{len(turns)} marked turns, each taken as 360°"
+        reason = f"{format_count(len(turns), 'marked turn')}, each taken as 360°"
     whole = bool(np.all(gyro == np.rint(gyro)))  # counts, whose scale needs the rate
     if size is not None and dt is None and not whole:
         rates = {unit: si / size for unit, si in _GYRO_UNITS.items()}

@@ -4,10 +4,11 @@ The section with the keys of every kind of bench, the view of a run that readers
 their result. Values with units are text: "100 Hz".
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -200,91 +201,105 @@ def unit_size(unit: str, like: str, key: str) -> float:
 D = TypeVar("D", bound=DataSection, covariant=True)
 
 
-class ChosenMethod(Protocol):
-    """The view of the method that readers of data use."""
+@dataclass(frozen=True, kw_only=True)
+class MethodBase:
+    """The part of a method that readers of data use; `inercal.methods.Method` adds the rest.
 
-    @property
-    def name(self) -> str:
-        """Its name in the run file."""
-        ...
+    Parameters
+    ----------
+    name : str
+        In the run file.
+    unknown_attitudes : bool
+        Whether attitudes are free: rests are detected and labelled without a plan.
+    follows_rest : bool
+        Whether the whole recording is one rest, whose samples the estimator follows.
+    without_angles : bool
+        Whether it uses no angle of a turntable: the gyros show rests and turns.
+    sequential : callable or None
+        Starts the live estimation of a run; None where the method has none.
+    """
 
-    @property
-    def unknown_attitudes(self) -> bool:
-        """Whether it estimates the attitudes: there is no plan that rows must fit."""
-        ...
-
-    @property
-    def follows_rest(self) -> bool:
-        """Whether the whole recording is one rest, whose samples it follows."""
-        ...
-
-    @property
-    def without_angles(self) -> bool:
-        """Whether it uses no angle of a turntable: the gyros show rests and turns."""
-        ...
-
-    @property
-    def sequential(self) -> object:
-        """Its sequential estimator; None where it has none."""
-        ...
+    name: str
+    unknown_attitudes: bool = False
+    follows_rest: bool = False
+    without_angles: bool = False
+    sequential: Callable[..., object] | None = None
 
 
-class Source(Protocol[D]):
-    """The parts of a run that its data need; `Run` of the run file satisfies it."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunBase(Generic[D]):
+    """The part of a run that its data need; `inercal.runfile.Run` adds the rest.
 
-    @property
-    def path(self) -> Path:
-        """The run file, which messages name."""
-        ...
+    Parameters
+    ----------
+    path : Path
+        The run file; other files are named relative to its folder.
+    sensor : Sensor
+        With readouts, noise and the coefficients to be estimated; all axes, also those that are
+        not calibrated.
+    bench : Bench
+    data : DataSection
+        Of the kind of bench.
+    method : MethodBase
+    plan : callable
+        Returns the nominal plan.
+    rate_hz : float or None
+        Samples per second, where stated.
+    has_plan_keys : bool
+        Whether [method] states a key of the plan.
+    reader_options : mapping of str to object
+        Keys of [data] that belong to the reader of a format (`inercal.recordings.io.readers`).
+    environment : Environment or None
+        The temperatures around the bench.
+    held_files : mapping of str to Path
+        Files that hold what a call gave in memory, by the names that [data] has for them.
+    """
 
-    @property
-    def data(self) -> D:
-        """[data], of the kind of bench."""
-        ...
-
-    @property
-    def sensor(self) -> Sensor:
-        """The axes to read, and the wanted coefficients."""
-        ...
-
-    @property
-    def bench(self) -> Any:
-        """The bench, of the kind whose reader is called."""
-        ...
-
-    @property
-    def method(self) -> ChosenMethod:
-        """The method."""
-        ...
-
-    @property
-    def environment(self) -> Environment | None:
-        """The temperatures around the bench."""
-        ...
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Samples per second, where stated."""
-        ...
-
-    @property
-    def reader_options(self) -> Mapping[str, object]:
-        """Keys of [data] that belong to the reader of a format."""
-        ...
-
-    @property
-    def has_plan_keys(self) -> bool:
-        """Whether the run file has keys of the plan."""
-        ...
+    path: Path
+    sensor: Sensor
+    bench: Any
+    data: D
+    method: MethodBase
+    plan: Callable[[], tuple[Step, ...]]
+    rate_hz: float | None
+    has_plan_keys: bool = False
+    reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
+    environment: Environment | None = None
+    held_files: Mapping[str, Path] = field(default_factory=dict[str, Path])
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The nominal plan."""
-        ...
+        """The nominal plan, designed when it is first read: a plan by hand takes seconds.
+
+        Raises
+        ------
+        InputError
+            The options of [method] allow no plan.
+        """
+        return self._steps
+
+    @cached_property
+    def _steps(self) -> tuple[Step, ...]:
+        try:
+            return self.plan()
+        except InputError as error:
+            raise error.located(f"{self.path}: [method]", file=self.path, key="[method]") from None
 
     def file(self, name: str) -> Path:
-        """Return the path of a file that the run file names."""
-        ...
+        """Return the path of a file named in the run file.
+
+        Raises
+        ------
+        InputError
+            The text can be no name.
+        """
+        if "\0" in name:
+            raise InputError(
+                f"{self.path}: {name!r} holds a zero character, which no name of a file can; "
+                "correct the name",
+                file=self.path,
+            )
+        return self.held_files.get(name, self.path.parent / name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from inercal.basics.units import parse_quantity
 from inercal.physics.section_settings import si_value
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, ahead_of_lag
-from inercal.recordings.data import DataSection, ReadbackColumn, Source
+from inercal.recordings.data import DataSection, ReadbackColumn, RunBase
 from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
 from inercal.recordings.io.section_files import read_sections
@@ -20,7 +20,7 @@ from inercal.recordings.io.section_files import read_sections
 READBACK = "readback"  # key in `DataSection.further_files` of the file with the bench's readback
 
 
-def load_recording(run: Source[DataSection]) -> Recording:
+def load_recording(run: RunBase[DataSection]) -> Recording:
     """Read and audit the run's recording.
 
     Raises
@@ -89,7 +89,7 @@ def unsigned_column(column: str | int) -> str:
     return str(column).removeprefix("-")
 
 
-def reversed_axes(run: Source[DataSection]) -> frozenset[str]:
+def reversed_axes(run: RunBase[DataSection]) -> frozenset[str]:
     """Return the sensor's axes whose columns are stated with a leading "-"."""
     given = {"f": run.data.accelerometer, "w": run.data.gyro}
     return frozenset(
@@ -102,7 +102,7 @@ def reversed_axes(run: Source[DataSection]) -> frozenset[str]:
     )
 
 
-def apply_axis_signs(run: Source[DataSection], recording: Recording) -> Recording:
+def apply_axis_signs(run: RunBase[DataSection], recording: Recording) -> Recording:
     """Return the recording with the axes that the run file reverses mirrored about their zeros."""
     back = reversed_axes(run)
     if not back:
@@ -115,7 +115,7 @@ def apply_axis_signs(run: Source[DataSection], recording: Recording) -> Recordin
     return replace(recording, data=data)
 
 
-def gyro_file(run: Source[DataSection]) -> Path | None:
+def gyro_file(run: RunBase[DataSection]) -> Path | None:
     """Return the file of the gyros that is read by itself; None where there is none.
 
     With a column of times of their own this may be the file of the accelerometers.
@@ -134,7 +134,7 @@ def range_limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
     }
 
 
-def reader_columns(run: Source[DataSection]) -> Columns:
+def reader_columns(run: RunBase[DataSection]) -> Columns:
     """Return what each column of the run's data holds."""
     data = run.data
     names = {"f": data.accelerometer, "w": data.gyro}
@@ -164,7 +164,7 @@ def reader_columns(run: Source[DataSection]) -> Columns:
     )
 
 
-def _data_file_options(run: Source[DataSection]) -> dict[str, object]:
+def _data_file_options(run: RunBase[DataSection]) -> dict[str, object]:
     """Return the options of readers, without those that only the file of the readback uses."""
     table = run.data.further_files().get(READBACK)
     of_readback = {} if table is None else file_reader_options(run, table)
@@ -177,7 +177,7 @@ def _data_file_options(run: Source[DataSection]) -> dict[str, object]:
     }
 
 
-def file_reader_options(run: Source[DataSection], name: str) -> dict[str, object]:
+def file_reader_options(run: RunBase[DataSection], name: str) -> dict[str, object]:
     """Return the options that the reader of a file knows; none where the file does not exist."""
     if not run.reader_options or not is_file(run.file(name)):
         return {}
@@ -185,7 +185,7 @@ def file_reader_options(run: Source[DataSection], name: str) -> dict[str, object
     return {key: value for key, value in run.reader_options.items() if key in known}
 
 
-def readbacks(run: Source[DataSection]) -> tuple[ReadbackColumn, ...]:
+def readbacks(run: RunBase[DataSection]) -> tuple[ReadbackColumn, ...]:
     """Return the columns of quantities that the bench measures.
 
     Raises
@@ -199,7 +199,7 @@ def readbacks(run: Source[DataSection]) -> tuple[ReadbackColumn, ...]:
         raise error.located(run.path) from None
 
 
-def readback_fields(run: Source[DataSection]) -> tuple[tuple[str, str, str], ...]:
+def readback_fields(run: RunBase[DataSection]) -> tuple[tuple[str, str, str], ...]:
     """Return name, column and unit of what the bench measures.
 
     The unit is "1": values stay in the units of their columns; `readback_units` converts to SI.
@@ -207,12 +207,12 @@ def readback_fields(run: Source[DataSection]) -> tuple[tuple[str, str, str], ...
     return tuple((one.name, one.column, "1") for one in readbacks(run))
 
 
-def readback_columns(run: Source[DataSection]) -> dict[str, str]:
+def readback_columns(run: RunBase[DataSection]) -> dict[str, str]:
     """Return the columns of rates, angles and levels that the bench measures, by name."""
     return {one.name: one.column for one in readbacks(run)}
 
 
-def readback_units(run: Source[DataSection]) -> dict[str, float]:
+def readback_units(run: RunBase[DataSection]) -> dict[str, float]:
     """Return the SI size of the unit of each of these columns, negative for a reversed column.
 
     Raises
@@ -223,7 +223,7 @@ def readback_units(run: Source[DataSection]) -> dict[str, float]:
     return {one.name: one.size for one in readbacks(run)}
 
 
-def require_distinct_columns(run: Source[DataSection], *further: str) -> None:
+def require_distinct_columns(run: RunBase[DataSection], *further: str) -> None:
     """Refuse a column stated for two quantities; `further` are columns besides the readback.
 
     Raises
@@ -269,7 +269,7 @@ def number_repeated_names(names: Sequence[str]) -> list[str]:
     return distinct
 
 
-def _column_rate(run: Source[DataSection]) -> float | None:
+def _column_rate(run: RunBase[DataSection]) -> float | None:
     """Return the rate of the samples; None where a column of times replaces it."""
     if run.data.kind == "means":
         return 1.0  # the rows have an order; nothing depends on their times
@@ -284,7 +284,7 @@ def _column_rate(run: Source[DataSection]) -> float | None:
     return None if stamped else run.rate_hz
 
 
-def stated_deviations(run: Source[DataSection]) -> dict[str, float]:
+def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
     """Return the standard deviations of means that the run file states, SI, by measured quantity.
 
     Raises

@@ -9,8 +9,9 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_small_file
+from inercal.basics.units import format_count
 from inercal.recordings import Finding, Mark, Recording
-from inercal.recordings.data import DataSection, RestsSection, Source
+from inercal.recordings.data import DataSection, RestsSection, RunBase
 from inercal.recordings.io.read import read_table
 from inercal.recordings.segments import (
     RestDetection,
@@ -24,7 +25,7 @@ from inercal.recordings.segments.motion_thresholds import WINDOW
 
 
 def check_marked_rests(
-    run: Source[DataSection], recording: Recording, marks: Sequence[Mark]
+    run: RunBase[DataSection], recording: Recording, marks: Sequence[Mark]
 ) -> tuple[Finding, ...]:
     """Refuse marked rests that move; return warnings of those that the run file accepts.
 
@@ -37,7 +38,7 @@ def check_marked_rests(
 
 
 def check_rests(
-    run: Source[RestsSection], recording: Recording, marks: Sequence[Mark]
+    run: RunBase[RestsSection], recording: Recording, marks: Sequence[Mark]
 ) -> tuple[Finding, ...]:
     """Return the findings of `check_marked_rests`, or none where rests are detected.
 
@@ -59,13 +60,13 @@ def check_rests(
 
 
 def stated_marks(
-    run: Source[DataSection], recording: Recording, *, again: bool = False
+    run: RunBase[DataSection], recording: Recording, *, again: bool = False
 ) -> tuple[Mark, ...]:
     """Return the marked sections, from the labels of the recording or from the file of marks.
 
     Parameters
     ----------
-    run : Source
+    run : RunBase
     recording : Recording
     again : bool
         Whether a label may mark several sections.
@@ -75,7 +76,7 @@ def stated_marks(
     return marks_after_audit(marks_from_file(run.file(run.data.marks)), recording)
 
 
-def rests_without_plan(run: Source[DataSection], recording: Recording) -> RestDetection:
+def rests_without_plan(run: RunBase[DataSection], recording: Recording) -> RestDetection:
     """Return the rests detected without a plan, or the marked sections."""
     if run.data.marks == "found":
         try:
@@ -86,7 +87,7 @@ def rests_without_plan(run: Source[DataSection], recording: Recording) -> RestDe
         marks = stated_marks(run, recording)
         if run.data.marks != "labels":
             check_marks(marks, recording, [mark.label for mark in marks])
-        text = f"{len(marks)} sections are marked"
+        text = format_count(len(marks), "section is marked", "sections are marked")
     levels = find_thresholds(recording, run.sensor)
     return RestDetection(marks, levels, WINDOW, Finding("note", "rests", text))
 

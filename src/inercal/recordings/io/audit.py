@@ -15,7 +15,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, format_count, format_duration
 from inercal.recordings import Finding, Indices, Recording
 from inercal.recordings.io import repeated_values
 from inercal.recordings.io.column_table import row_blocks
@@ -273,10 +273,10 @@ def gap_findings(recording: Recording, gaps: Indices | None = None) -> list[Find
         lost = recording.time[some[:, 1]] - recording.time[some[:, 0]] - recording.median_step
         k = int(np.argmax(lost))
         start, stop = int(some[k, 0]), int(some[k, 1]) + 1
-        count = f"{len(some)} gap" + ("s" if len(some) > 1 else "")
-        text = f"{count}{place}, {lost.sum():.4g} s lost in all"
+        count = format_count(len(some), "gap")
+        text = f"{count}{place}, {format_duration(lost.sum())} lost in all"
         if len(some) > 1:
-            text += f", {lost[k]:.4g} s in the longest"
+            text += f", {format_duration(lost[k])} in the longest"
         text += f", after sample {start} ({recording.time[start]:.6g} s)"
         severe = not place and lost.sum() > _LOST * recording.duration
         findings.append(Finding("warning" if severe else "note", "gap", text, None, start, stop))

@@ -11,6 +11,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.recordings import Recording
 from inercal.recordings.io.audit import audit, audit_rows, require_accepted
 from inercal.recordings.io.column_table import ReadRequest, Table, open_error
@@ -302,7 +303,7 @@ def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
     name, time, place = first.source, first.time, first.data[:, -len(together) :]
     if len(block) != len(place):
         raise InputError(
-            f"{table.source} has {len(block)} rows and {name} has {len(place)}: "
+            f"{table.source} has {format_count(len(block), 'row')} and {name} has {len(place)}: "
             "two files of one recording must have the same rows",
             file=path,
         )

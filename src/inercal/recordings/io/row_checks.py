@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_count
 from inercal.recordings import Finding, Indices, Recording
 from inercal.recordings.io.column_table import TOO_LARGE, row_blocks
 
@@ -46,7 +47,7 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> R
         if not np.isfinite(columns[name][first])
         else f"a number below {TOO_LARGE:g}"
     )
-    text = f"{_row_count_text(count)} without {kind}, the first {name} at {where(first)}"
+    text = f"{format_count(count, 'row')} without {kind}, the first {name} at {where(first)}"
     if drop and count < rows.size:
         return RowCheck(
             [Finding("warning", "nonfinite", f"{text}: dropped")], np.flatnonzero(~rows)
@@ -78,7 +79,7 @@ def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
             text = f"{start.size} labelled sections were not stored by time: they are sorted"
             return RowCheck([Finding("note", "order", text)], keep)
     worst = int(back[0])
-    others = f", and at {back.size - 1} more places" if back.size > 1 else ""
+    others = f", and at {format_count(back.size - 1, 'more place')}" if back.size > 1 else ""
     text = (
         f"time decreases by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: "
         "the clock was reset or two files were joined; split the file there"
@@ -99,7 +100,7 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
         span = float(recording.time[-1] - recording.time[0])
         rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
         text = (
-            f"{_row_count_text(int((~same).sum()))} with the time of the row before and other "
+            f"{format_count(int((~same).sum()), 'row')} with the time of the row before and other "
             f"readings, the first at {where(first + 1)}: the time stamps are too coarse, so state "
             f"[data] rate{rate} in place of the time column"
         )
@@ -110,7 +111,7 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
         text = "all rows are the same: neither the time nor a reading changes; record again"
         return RowCheck([Finding("refused", "repeated", text)])
     text = (
-        f"{_row_count_text(same_time.size)} repeated, the first at "
+        f"{format_count(same_time.size, 'row')} repeated, the first at "
         f"{where(int(same_time[0]) + 1)}: dropped"
     )
     return RowCheck([Finding("note", "repeated", text)], np.flatnonzero(kept))
@@ -127,7 +128,3 @@ def _repeats_previous_row(recording: Recording, samples: Indices) -> NDArray[np.
     for name in recording.readback:
         same &= before.readback[name] == after.readback[name]
     return same
-
-
-def _row_count_text(count: int) -> str:
-    return f"{count} row" + ("s" if count != 1 else "")

@@ -21,11 +21,12 @@ from inercal.recordings.segments.rest_changes import (
 )
 from inercal.recordings.segments.rest_detection import RestDetection, find_rests, find_thresholds
 from inercal.recordings.segments.section_detection import find_sections, search_sections
-from inercal.recordings.segments.section_means import observe
+from inercal.recordings.segments.section_means import average_sections
 
 __all__ = [
     "RestDetection",
     "average_dwells",
+    "average_sections",
     "bias_jump_test",
     "changes_within_rests",
     "check_against_plan",
@@ -38,7 +39,6 @@ __all__ = [
     "holds_from_marks",
     "holds_from_observations",
     "marks_from_labels",
-    "observe",
     "require_still",
     "scatter",
     "search_sections",

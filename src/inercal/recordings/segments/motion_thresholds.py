@@ -33,6 +33,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_number
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording, sample_count
@@ -70,11 +71,11 @@ class MotionThreshold:
     @property
     def words(self) -> str:
         """Scatter at rest and threshold, in words."""
-        limit = f"threshold {self.threshold:.3g} {self.unit}"
+        limit = f"threshold {format_number(self.threshold, 3)} {self.unit}"
         if not np.isfinite(self.threshold):
             limit = "no threshold because rest and motion scatter equally"
         kind = QUANTITIES[self.kind].sensors
-        return f"scatter at rest {self.quiet:.3g} {self.unit}, {limit} ({kind})"
+        return f"scatter at rest {format_number(self.quiet, 3)} {self.unit}, {limit} ({kind})"
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_quantity
 from inercal.estimation import ModelTest
 from inercal.estimation.section_statistics import largest_change_test
 from inercal.physics.quantities import QUANTITIES
@@ -119,11 +120,13 @@ def require_still(
                 )
             continue
         axis = sensor.axes[int(k)]
+        shown, explained = (
+            format_quantity(size, 0.0, QUANTITIES[axis.measures].reading_unit, 3)
+            for size in (change, allowed)
+        )
         text = (
-            f"section {mark.label} moves: its mean changes by {change:.3g} "
-            f"{QUANTITIES[axis.measures].unit} ({axis.name}) within it, and noise and "
-            "quantisation explain "
-            f"{allowed:.3g} {QUANTITIES[axis.measures].unit} at most"
+            f"section {mark.label} moves: its mean changes by {shown} ({axis.name}) within it, "
+            f"and noise and quantisation explain {explained} at most"
         )
         if mark.label in accepted:
             message = f"{text}; [data] accept_moving accepts it"

@@ -18,6 +18,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices, true_ranges
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count, format_duration, format_number
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording
@@ -87,14 +88,15 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     longest = int((segments[:, 1] - segments[:, 0]).max())
     if longest < 4 * window:
         raise InputError(
-            f"{recording.source}: {longest / rate:.2g} s without a gap are too short to detect "
-            f"rests; record {4 * window / rate:.2g} s at least"
+            f"{recording.source}: {format_duration(longest / rate)} without a gap are too short to "
+            f"detect rests; record {format_duration(4 * window / rate)} at least"
         )
     judged = [motion_threshold(recording, kind, segments, window) for kind in kinds]
     levels = tuple(level for level, _ in judged)
     if not any(np.isfinite(level.threshold) for level in levels):
         scatters = " and ".join(
-            f"{level.quiet:.2g} {level.unit} ({QUANTITIES[level.kind].sensors})" for level in levels
+            f"{format_number(level.quiet, 2)} {level.unit} ({QUANTITIES[level.kind].sensors})"
+            for level in levels
         )
         raise InputError(
             f"{recording.source}: rest and motion cannot be distinguished: all samples scatter "
@@ -131,7 +133,8 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     held = float((kept[:, 1] - kept[:, 0]).sum()) / recording.time.size
     if held <= _HELD * min(share for _, share in judged):
         raise InputError(
-            f"{recording.source}: no rest of {(shortest + 2 * margin) / rate + WINDOW:.2g} s is "
+            f"{recording.source}: no rest of "
+            f"{format_duration((shortest + 2 * margin) / rate + WINDOW)} is "
             "found: there are only single quiet moments between moves"
             + (f", and in {crept} quiet sections the sensor turned slowly" if crept else "")
             + "".join(f"; {level.words}" for level in levels)
@@ -234,11 +237,10 @@ def _detection_text(
     shortened: int,
 ) -> str:
     seconds = [recording.span(mark.start, mark.stop) for mark in marks]
-    low, high = (f"{s:.2g}" for s in (min(seconds), max(seconds)))
+    ends = dict.fromkeys(map(format_duration, (min(seconds), max(seconds))))
     share = 100 * sum(seconds) / recording.duration
-    length = f"{low} s" if low == high else f"{low} to {high} s"
     parts = [
-        f"{len(marks)} rest{'s' * (len(marks) > 1)} of {length} detected, {share:.0f} % of time"
+        f"{format_count(len(marks), 'rest')} of {' to '.join(ends)} detected, {share:.0f} % of time"
     ]
     parts += [level.words for level in levels]
     if crept:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, true_ranges
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count, format_duration
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
@@ -67,7 +68,7 @@ class SectionDetection:
     @property
     def words(self) -> str:
         """Number of rests and thresholds, in one line."""
-        found = f"{len(self.rests)} rests of {SHORTEST:g} s or more are detected"
+        found = f"{format_count(len(self.rests), 'rest')} of {SHORTEST:g} s or more detected"
         return "; ".join([found, *(level.words for level in self.levels)])
 
     @property
@@ -132,8 +133,8 @@ def search_sections(
     window = window_samples(recording)
     if y.shape[0] < 4 * window:
         raise InputError(
-            f"{recording.source}: {recording.duration:.2g} s are too short to detect sections; "
-            f"record {4 * WINDOW:g} s at least"
+            f"{recording.source}: {format_duration(recording.duration)} are too short to detect "
+            f"sections; record {4 * WINDOW:g} s at least"
         )
     channels = [_Channel(y[:, k], window) for k in range(y.shape[1])]
     quietest = [channel.limit for channel in channels]

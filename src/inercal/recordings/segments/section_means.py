@@ -28,6 +28,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.estimation.uncertainty import BATCHES, pooled_mean_covariances
 from inercal.physics.plan import Rotation, Step, Turn
 from inercal.physics.sensors import Sensor
@@ -54,7 +55,7 @@ _CONSTANT = 0.02  # K
 _FREEDOM = 342  # degrees of freedom behind the noise: those of 18 rests of 20 batches
 
 
-def observe(
+def average_sections(
     recording: Recording,
     sensor: Sensor,
     marks: Sequence[Mark],
@@ -106,8 +107,8 @@ def observe(
         _refuse_flaws(recording, mark, step, sensor.channels)
         if mark.stop - mark.start < MIN_SAMPLES:
             raise InputError(
-                f"{recording.source}: section {mark.label} has {mark.stop - mark.start} "
-                f"sample{'s' * (mark.stop - mark.start > 1)}; mark at least {MIN_SAMPLES}",
+                f"{recording.source}: section {mark.label} has "
+                f"{format_count(mark.stop - mark.start, 'sample')}; mark at least {MIN_SAMPLES}",
                 names=(mark.label,),
             )
     moving = [s.label for s in used if isinstance(s, Turn | Rotation) or s.label in turning]

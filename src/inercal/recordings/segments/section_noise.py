@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_quantity
 from inercal.estimation import ModelTest
 from inercal.estimation.correlation import WHITE, Contrasts, NoiseCorrelation
 from inercal.estimation.section_statistics import (
@@ -19,7 +20,7 @@ from inercal.estimation.section_statistics import (
     haar_contrasts,
 )
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import G0, Noise, Sensor
+from inercal.physics.sensors import Noise, Sensor
 from inercal.recordings.segments.hand_motion_noise import readings_along_gravity
 
 _ALIKE = 3.0  # times in scatter: rests that differ by more are reported
@@ -197,7 +198,7 @@ def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
     for kind, quantity in QUANTITIES.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if own and (most := float(reach[own].max())) > 0:
-            text = f"{most / G0 * 1e3:.2g} mg" if kind == "f" else f"{np.degrees(most):.2g} °/s"
+            text = format_quantity(most, 0.0, "mg" if kind == "f" else "°/s", 2)
             notes.append(
                 f"the slopes within the rests leave a drift of about {text} over the run open "
                 f"({quantity.sensors}, k = 1): it is in the uncertainty of the biases"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, true_ranges
+from inercal.basics.units import format_count, format_duration
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.segments.dwells import (
     ARM_RATE,
@@ -107,7 +108,7 @@ class _OmittedState(NamedTuple):
 
 def _omission_text(lost: Sequence[_OmittedState]) -> str:
     names = ", ".join(one.label for one in lost)
-    count = f"{len(lost)} state{'s' * (len(lost) > 1)} left out: {names}"
+    count = f"{format_count(len(lost), 'state')} left out: {names}"
     _, kind, _, unit, needed = lost[0]
     if not unit:
         return f"{count} ({kind})"
@@ -174,8 +175,8 @@ def _lost_motion_texts(recording: Recording) -> list[str]:
             lost = recording.time[after] - recording.time[before]
             side = f"{labels[before]} when" if turning[before] else f"{labels[after]} after"
             texts.append(
-                f"the table turns under {side} {lost:.4g} s are lost ({recording.where(before)}): "
-                "states may be lost with them"
+                f"the table turns under {side} {format_duration(float(lost))} are lost "
+                f"({recording.where(before)}): states may be lost with them"
             )
     if turning[-1]:
         texts.append(f"the recording ends while the table turns under {labels[-1]}")

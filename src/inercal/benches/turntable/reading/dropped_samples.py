@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.units import format_count
 from inercal.benches.turntable.attitude import body_rates
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.implied_rates import (
@@ -71,7 +72,7 @@ def dropped_sample_findings(
     findings: list[Finding] = []
     for drop in find_dropped_samples(track, sensor, bench, known):
         count = round(abs(drop.samples))
-        size = f"{count} sample{'s' * (count > 1)} {'lost' if drop.samples > 0 else 'too many'}"
+        size = f"{format_count(count, 'sample')} {'lost' if drop.samples > 0 else 'too many'}"
         start, stop = track.time[drop.first], track.time[drop.last]
         if drop.row:
             text = f"{size} without a gap at {start:.6g} s: the readback jumps by "

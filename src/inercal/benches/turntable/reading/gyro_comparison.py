@@ -30,6 +30,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
+from inercal.basics.units import format_count
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.readback_increments import (
     Increments,
@@ -265,7 +266,7 @@ def gyro_comparison_findings(track: Track, sensor: Sensor, bench: Turntable) -> 
             continue
         first, more = of_kind[0], len(of_kind) - 1
         text = f"{first.describe(bench.names)}{_CAUSE}"
-        text += f" ({more} further place{'s' * (more > 1)})" if more else ""
+        text += f" ({format_count(more, 'further place')})" if more else ""
         span = np.searchsorted(track.time, [first.start, first.stop])
         result.append(Finding("warning", "readback", text, None, int(span[0]), int(span[1])))
     return tuple(result)
@@ -291,11 +292,14 @@ def _steps_and_drifts(knots: Increments, fit: WindowFit) -> list[ReadbackDiffere
     def keep(kind: _Fault, at: Array, score: Array, information: Array, of_noise: Array) -> None:
         # What the parameters explain wholly has no information, but for its rounding.
         known = np.where(information > LEAST_LEFT * of_noise, information, inf)
-        z = np.abs(score) / np.sqrt(known)
-        k, axis = np.unravel_index(int(np.argmax(z)), z.shape)
+        squares = score**2 / known
+        at_most = int(squares.argmax())
+        if squares.flat[at_most] <= _SIGNIFICANT[kind] ** 2:
+            return
+        k, axis = divmod(at_most, squares.shape[1])
         one = ReadbackDifference(
-            kind, int(axis), float(at[k]), knots.end,
-            -float(score[k, axis] / known[k, axis]), float(z[k, axis]),
+            kind, axis, float(at[k]), knots.end,
+            -float(score[k, axis] / known[k, axis]), sqrt(squares[k, axis]),
         )  # fmt: skip
         if kind not in best or one.significance > best[kind].significance:
             best[kind] = one
@@ -309,10 +313,7 @@ def _steps_and_drifts(knots: Increments, fit: WindowFit) -> list[ReadbackDiffere
     of_turn, dt = s * knots.dt[:, None], knots.dt[:, None]
     later = np.sum(of_turn * fit.later(of_turn), axis=0)
     blocks = np.arange(0, knots.dt.size, _DRIFT_STEP)
-    explained = np.stack([
-        np.add.reduceat(fit.known * of_turn[..., k : k + 1], blocks, axis=1)
-        for k in range(s.shape[-1])
-    ])  # (k, g, m, q)  # fmt: skip
+    explained = _block_sums(of_turn, fit.known)
     explained = np.cumsum(explained[:, :, ::-1], axis=2)[:, :, ::-1]
     by_noise = _from_here(dt**2 * of_noise + 2 * later, blocks)
     known = by_noise - np.einsum("kgmq,kgmq->mk", explained, explained)
@@ -320,6 +321,16 @@ def _steps_and_drifts(knots: Increments, fit: WindowFit) -> list[ReadbackDiffere
     from_here = _from_here(dt * score, blocks)
     keep("drift", knots.time[blocks][late], from_here[late], known[late], by_noise[late])
     return [one for one in best.values() if _counts(one)]
+
+
+def _block_sums(turns: Array, known: Array) -> Array:
+    """Return Σ of products of (g, n, k) and (g, n, q) values over each block, (k, g, m, q)."""
+    (g, n, k), m = turns.shape, -(-turns.shape[1] // _DRIFT_STEP)
+    left, right = np.zeros((g, m * _DRIFT_STEP, k)), np.zeros((g, m * _DRIFT_STEP, known.shape[-1]))
+    left[:, :n], right[:, :n] = turns, known
+    shape = (g, m, _DRIFT_STEP, -1)
+    sums = left.reshape(shape).swapaxes(-1, -2) @ right.reshape(shape)
+    return np.moveaxis(sums, 2, 0)
 
 
 def _from_here(values: Array, blocks: Indices) -> Array:

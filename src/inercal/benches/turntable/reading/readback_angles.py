@@ -9,7 +9,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import Measured, format_quantity
+from inercal.basics.units import Measured, format_duration, format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.host_readback import (
     HostReadback,
@@ -26,7 +26,7 @@ from inercal.benches.turntable.reading.readback_clock import (
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.physics.section_settings import si_value
 from inercal.recordings import AngleQuality, Finding, Recording
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import (
     file_reader_options,
     readback_fields,
@@ -93,7 +93,7 @@ def describe_clock(clock: ClockAlignment) -> dict[str, str]:
 
 
 def add_table_angles(
-    run: Source[TurntableData], recording: Recording, bench: Turntable
+    run: RunBase[TurntableData], recording: Recording, bench: Turntable
 ) -> RecordingWithAngles:
     """Return the recording with the table's angles.
 
@@ -153,7 +153,7 @@ def _without_interruptions(recording: Recording, host: HostReadback) -> tuple[Fi
     return (*others, *gap_findings(recording, left))
 
 
-def _read_table_file(run: Source[TurntableData], origin: Fraction | None) -> Recording:
+def _read_table_file(run: RunBase[TurntableData], origin: Fraction | None) -> Recording:
     """Return the table's file: its axes as channels, in units of their columns.
 
     Times are counted from the `origin` of the recording; those of its own clock where it has none,
@@ -189,7 +189,7 @@ def _unwrap_angles(
     return result
 
 
-def _gyro_readings(run: Source[TurntableData], recording: Recording) -> Array:
+def _gyro_readings(run: RunBase[TurntableData], recording: Recording) -> Array:
     """Return the gyros' readings, (n, 3) rad/s."""
     gyros = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "w"]
     if len(gyros) != len("xyz"):
@@ -216,6 +216,6 @@ def _require_readings(time: Array, angles: Array) -> None:
     if lost.size:
         k = int(lost[0])
         raise InputError(
-            f"the readback lacks {time[k + 1] - time[k]:.3g} s after {time[k]:.6g} s while the "
-            "table turns; record again, or cut both files at this time"
+            f"the readback lacks {format_duration(time[k + 1] - time[k])} after {time[k]:.6g} s "
+            "while the table turns; record again, or cut both files at this time"
         )

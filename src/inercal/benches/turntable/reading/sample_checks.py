@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_duration
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Recording, Track, sample_count
 from inercal.recordings.segments.attitudes import INVALID_SAMPLES
@@ -55,8 +56,8 @@ def require_range(where: str, recording: Recording, track: Track, sensor: Sensor
         seconds = float((flat & turning).sum()) * step
         if seconds > _FLAT:
             raise InputError(
-                f"{where}: {flaws[0].message}; for {seconds:.3g} s in all it is at the end of its "
-                "range while the table turns; turn slower, or set a wider range",
+                f"{where}: {flaws[0].message}; for {format_duration(seconds)} in all it is at "
+                "the end of its range while the table turns; turn slower, or set a wider range",
                 names=(name,),
             )
 
@@ -127,7 +128,8 @@ def require_turning(where: str, track: Track, sensor: Sensor, names: Sequence[st
     begun = track.time[first[int(np.argmax(lost))]]
     causes = never or constant
     raise InputError(
-        f"{where}: the readback is constant for {lost.sum() * size * step:.3g} s while the gyros "
+        f"{where}: the readback is constant for {format_duration(lost.sum() * size * step)} "
+        "while the gyros "
         f"measure a turn, first at {begun:.4g} s: {', '.join(causes.values()) or 'check its unit'}",
         names=tuple(causes),
     )

@@ -9,10 +9,11 @@ from dataclasses import replace
 from math import pi, radians
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.benches.turntable.settings import TurntableData
 from inercal.physics.plan import Position, Rotation, TableStep, table_steps
 from inercal.recordings import Finding
-from inercal.recordings.data import Source
+from inercal.recordings.data import RunBase
 
 _NEAR = radians(1)  # of a planned angle
 _TURN_TOLERANCE = 0.05  # of a planned turn
@@ -21,7 +22,7 @@ _SHARE = 0.5  # of the steps: if fewer agree, the recording is of another path
 
 
 def label_steps(
-    steps: Sequence[TableStep], own: Sequence[str] | None, run: Source[TurntableData]
+    steps: Sequence[TableStep], own: Sequence[str] | None, run: RunBase[TurntableData]
 ) -> tuple[TableStep, ...]:
     """Return the steps with their names, each once.
 
@@ -31,7 +32,7 @@ def label_steps(
         Of the recording, without names.
     own : sequence of str or None
         The recording's label of each; "" is none.
-    run : Source
+    run : RunBase
         Its plan gives the names where its steps are those of the recording.
     """
     names = [name.strip() for name in own] if own is not None else [""] * len(steps)
@@ -48,14 +49,14 @@ def label_steps(
     return tuple(result)
 
 
-def _planned_names(steps: Sequence[TableStep], run: Source[TurntableData]) -> list[str] | None:
+def _planned_names(steps: Sequence[TableStep], run: RunBase[TurntableData]) -> list[str] | None:
     """Return the plan's names, if its steps are those of the recording."""
     plan = _merge_positions(_planned_steps(run) or [])
     fits = len(plan) == len(steps) and all(map(_steps_match, steps, plan))
     return [step.label for step in plan] if fits else None
 
 
-def _planned_steps(run: Source[TurntableData]) -> list[TableStep] | None:
+def _planned_steps(run: RunBase[TurntableData]) -> list[TableStep] | None:
     """Return the plan; None where it is refused, because a calibration does not need it."""
     try:
         return table_steps(run.steps)
@@ -87,7 +88,7 @@ def _steps_match(done: TableStep, planned: TableStep) -> bool:
 def compare_with_plan(
     steps: Sequence[TableStep],
     own: Sequence[str] | None,
-    run: Source[TurntableData],
+    run: RunBase[TurntableData],
     repeated: Container[str] = (),
 ) -> tuple[Finding, ...]:
     """Return warnings of missing steps, and of labels that are blank or of another step.
@@ -98,7 +99,7 @@ def compare_with_plan(
         Of the recording, with labels.
     own : sequence of str or None
         The recording's label of each; "" is none.
-    run : Source
+    run : RunBase
         Without a path in [method] nothing is compared.
     repeated : container of str
         Labels of steps that the recording has without a label because they were repeated.
@@ -140,7 +141,7 @@ def _compare_labels(
     unknown = [name for name in dict.fromkeys(labels) if name and name not in planned]
     for names, words in ((blank, "without a label"), (unknown, "with a label that the path lacks")):
         if names:
-            count = f"{len(names)} step{'s' * (len(names) > 1)}"
+            count = format_count(len(names), "step")
             texts.append(f"{count} {words}: {_abbreviated_list(names)}")
     missing = _missing_step_findings([name for name in planned if name not in labels])
     return (*missing, *(Finding("warning", "label", text) for text in texts))

@@ -13,7 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices, true_ranges
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_quantity
+from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.settings import TurntableData
 from inercal.benches.turntable.still_table import StillTable
@@ -21,11 +21,11 @@ from inercal.physics.plan import Hold, Position
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Recording, Track, sample_count
-from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import load_recording
 from inercal.recordings.io.audit import require_accepted
 from inercal.recordings.io.rest_norm import audit_rest_norm
-from inercal.recordings.segments import observe as averaged
+from inercal.recordings.segments import average_sections
 from inercal.recordings.segments.attitudes import INVALID_SAMPLES
 
 _WINDOW = 0.2  # s
@@ -37,7 +37,7 @@ _MIN_RESTS = 6
 _NEAR = cos(radians(10))  # of a rest's up to that of the plan
 
 
-def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
+def observe_without_angles(run: RunBase[TurntableData]) -> EstimatorInput:
     """Return the rests of a recording and the track with their numbers.
 
     Raises
@@ -76,7 +76,7 @@ def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
         samples_are_means=run.data.sample == "mean",
     )
     marks = tuple(Mark(label, *rest) for label, rest in zip(labels, rests.tolist(), strict=True))
-    observations = averaged(recording, sensor, marks, steps, found=True)
+    observations = average_sections(recording, sensor, marks, steps, found=True)
     return EstimatorInput(
         recording,
         marks,
@@ -93,7 +93,7 @@ def observe_without_angles(run: Source[TurntableData]) -> EstimatorInput:
     )
 
 
-def _require_samples(run: Source[TurntableData]) -> None:
+def _require_samples(run: RunBase[TurntableData]) -> None:
     """Refuse keys that change nothing here, and noise that is not stated."""
     if run.data.kind == "means":
         raise key_error(
@@ -155,7 +155,7 @@ def find_rests(time: Array, reading: Array, sensor: Sensor) -> Indices:
 
 
 def _name_rests(
-    run: Source[TurntableData], recording: Recording, rests: Indices, up: Array
+    run: RunBase[TurntableData], recording: Recording, rests: Indices, up: Array
 ) -> tuple[list[str], tuple[Finding, ...]]:
     """Return a name of each rest, (m,), and a warning where a stated plan has other attitudes.
 
@@ -196,9 +196,10 @@ def _require_rests(where: str, recording: Recording, rests: Indices) -> None:
     if len(rests) >= _MIN_RESTS:
         return
     raise InputError(
-        f"{where}: the gyros show {len(rests)} rest{'s' * (len(rests) != 1)} of {_SHORTEST:g} s or "
+        f"{where}: the gyros show {format_count(len(rests), 'rest')} of {_SHORTEST:g} s or "
         f"more (mean rate within {degrees(_MOVING):g} °/s over {_WINDOW:g} s, {_SETTLING:g} s cut "
-        f"off beside turns) in {recording.duration:.4g} s; a systematic calibration needs "
+        f"off beside turns) in {format_duration(recording.duration)}; a systematic calibration "
+        "needs "
         f"{_MIN_RESTS} rests with turns between them: rest longer, or check the unit of the gyros",
     )
 
@@ -211,7 +212,8 @@ def _require_whole_turns(
     margin = 2 * _SETTLING
     if time[rests[0, 0]] - time[0] > margin:
         raise InputError(
-            f"{where}: the recording begins in motion, for {time[rests[0, 0]] - time[0]:.3g} s: a "
+            f"{where}: the recording begins in motion, for "
+            f"{format_duration(time[rests[0, 0]] - time[0])}: a "
             "turn needs a rest at both ends; remove the samples before the first rest"
         )
     if time[n - 1] - time[rests[-1, 1] - 1] > margin:

@@ -13,6 +13,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count, format_duration, format_quantity
 from inercal.benches.turntable.attitude import motion, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.exchange_fits import (
@@ -204,7 +205,10 @@ def _require_rate_ratio(
 def describe_sampling(time: Array, step: float | None = None) -> str:
     """Return the duration of a recording and the time between its samples, in words."""
     duration, step = time[-1] - time[0], step or float(np.median(np.diff(time)))
-    return f"by its times the recording lasts {duration:.6g} s, with {step:.3g} s between samples"
+    between = format_quantity(step, 0.0, "s", 3)
+    return (
+        f"by its times the recording lasts {format_duration(duration)}, with {between} per sample"
+    )
 
 
 def _rate_ratios(made: BlockMeans) -> dict[int, float]:
@@ -322,11 +326,16 @@ def _gap_findings(time: Array, interruptions: Sequence[Interruption]) -> tuple[F
     found: list[Finding] = []
     if at.size:
         samples = round(float(lost.sum()) / usual)
-        text = f"{at.size} gap{'s' * (at.size > 1)}: {samples} samples lost, {lost.sum():.3g} s"
+        text = f"{format_count(at.size, 'gap')}: {format_count(samples, 'sample')} lost, "
+        text += format_duration(float(lost.sum()))
         found.append(Finding("note", "gap", f"{text} in all", None, int(at[0]), int(at[-1]) + 2))
     for nth, k in enumerate(long[:_NAMED], start=1):
-        more = f" ({len(long) - _NAMED} further gaps too)" if nth == _NAMED < len(long) else ""
-        text = f"no sample for {steps[at[k]]:.3g} s after {time[at[k]]:.6g} s"
+        more = (
+            f" ({format_count(len(long) - _NAMED, 'further gap')} too)"
+            if nth == _NAMED < len(long)
+            else ""
+        )
+        text = f"no sample for {format_duration(float(steps[at[k]]))} after {time[at[k]]:.6g} s"
         text += f": the attitude is initialised again from the readback{more}"
         found.append(Finding("warning", "gap", text, None, int(at[k]), int(at[k]) + 2))
     return tuple(found)

@@ -9,7 +9,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_quantity
+from inercal.basics.units import format_duration, format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
@@ -46,14 +46,14 @@ from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
 from inercal.physics.plan import Position, Rotation, TableStep
 from inercal.physics.section_settings import key_error
 from inercal.recordings import AngleQuality, Finding, Mark, Recording, Track
-from inercal.recordings.data import EstimatorInput, Source
+from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
     readback_columns,
     require_distinct_columns,
 )
 from inercal.recordings.segments import (
-    observe as averaged,
+    average_sections,
 )
 from inercal.recordings.segments.turntable_segments import (
     AxisTurn,
@@ -70,7 +70,7 @@ _MOVED = radians(0.1)
 _EXACT = 4  # decimals of degrees of the angles of positions
 
 
-def observe(run: Source[TurntableData]) -> EstimatorInput:
+def observe(run: RunBase[TurntableData]) -> EstimatorInput:
     """Return the track of a run on a turntable, with means of its holds and turns.
 
     Raises
@@ -133,7 +133,7 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     repeated = _repeated_steps(recording.time, marks, own, read.interruptions)
     findings += compare_with_plan(steps, own, run, repeated)
     try:
-        observations = averaged(recording, run.sensor, marks, steps, found=True)
+        observations = average_sections(recording, run.sensor, marks, steps, found=True)
     except InputError as error:
         # Turns fall apart where the readback is wrong: what it does is the cause.
         causes = [one.message for one in findings if one.what == "readback"]
@@ -152,7 +152,7 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
 
 
 def _check_track(
-    run: Source[TurntableData],
+    run: RunBase[TurntableData],
     track: Track,
     bench: Turntable,
     interruptions: Sequence[Interruption] = (),
@@ -191,7 +191,7 @@ def _check_track(
 
 
 def _require_complete_first_rest(
-    run: Source[TurntableData], time: Array, angles: Array, holds: Indices
+    run: RunBase[TurntableData], time: Array, angles: Array, holds: Indices
 ) -> None:
     """Refuse a first rest that a gap cuts short: filters begin with a rest without a gap."""
     if run.method.sequential is None or len(holds) < 2:
@@ -203,7 +203,7 @@ def _require_complete_first_rest(
     if duration < MIN_REST_SECONDS and moved < _MOVED and gap.max(initial=0.0) > MAX_GAP_SECONDS:
         at = stop - 1 + int(np.argmax(gap))
         raise InputError(
-            f"{run.path}: the first rest has no sample for {gap.max():.3g} s after "
+            f"{run.path}: the first rest has no sample for {format_duration(gap.max())} after "
             f"{time[at]:.6g} s, but the filters need {COARSE_REST_SECONDS:.3g} s without a gap; "
             "remove the samples before the gap if the rest after it is long enough, or record "
             "again",
@@ -211,7 +211,7 @@ def _require_complete_first_rest(
         )
 
 
-def _require_track(run: Source[TurntableData]) -> None:
+def _require_track(run: RunBase[TurntableData]) -> None:
     """Refuse keys of other benches: filters follow the samples of one recording."""
     if run.data.kind == "means":
         raise key_error(
@@ -228,7 +228,7 @@ def _require_track(run: Source[TurntableData]) -> None:
         )
 
 
-def _require_small_latency(run: Source[TurntableData], bench: Turntable) -> None:
+def _require_small_latency(run: RunBase[TurntableData], bench: Turntable) -> None:
     """Refuse a latency so uncertain that the filters' linear model does not hold."""
     if run.data.table_file is None and bench.latency.sd > _WIDEST:
         raise key_error(
@@ -240,7 +240,7 @@ def _require_small_latency(run: Source[TurntableData], bench: Turntable) -> None
         )
 
 
-def _numbered_holds(run: Source[TurntableData], recording: Recording) -> Indices:
+def _numbered_holds(run: RunBase[TurntableData], recording: Recording) -> Indices:
     """Return the holds that the recording itself numbers.
 
     Raises
@@ -269,7 +269,7 @@ def _numbered_holds(run: Source[TurntableData], recording: Recording) -> Indices
 
 
 def _build_track(
-    run: Source[TurntableData],
+    run: RunBase[TurntableData],
     recording: Recording,
     angles: Array,
     holds: Indices,
@@ -284,7 +284,7 @@ def _build_track(
 
 
 def _build_steps(
-    run: Source[TurntableData],
+    run: RunBase[TurntableData],
     recording: Recording,
     angles: Array,
     holds: Indices,

@@ -9,16 +9,16 @@ const OFTEN = 30; // ms between pictures
 const NEAR = 0.12; // s in which a picture comes near to what was said last
 const SAME = 1e-5; // of a matrix' elements: nothing is to be seen of less
 const JUMP = 1.2; // more is no motion but a new place
-const ENDED = "Live estimation broke off: there is no navigation any more.";
+const ENDED = "Live estimation has stopped, and with it the attitude from the IMU.";
 const WORDS = {
-  waits: "The navigation is shown once the coefficients are estimated.",
-  ended: `${ENDED} What it found last is shown in grey.`,
-  none: "By this method nothing is navigated live: only the table's attitude is shown.",
+  waits: "The attitude from the IMU appears once the coefficients are estimated.",
+  ended: `${ENDED} The last one is shown in grey.`,
+  none: "With this method only the attitude of the table is shown.",
 };
 const DEGREES = 180 / Math.PI;
 const STEEP = 80; // ° of pitch: beyond, small errors of attitude are large ones of roll and heading
-const POLE = "Near pitch ±90° roll and heading are not defined one by one: only their sum is. "
-  + "Compare the attitude difference.";
+const POLE = "Near ±90° of pitch, only the sum of roll and heading is defined. Look at the attitude "
+  + "difference instead.";
 
 export function makeAttitude(theme) {
   const [section, waits, numbers] = ["attitude", "attitude-waits", "attitude-numbers"].map(byId);
@@ -39,10 +39,10 @@ export function makeAttitude(theme) {
   };
   const table = (looks, heads, ...rows) => make("table", { class: looks },
     make("thead", {}, make("tr", {}, ...heads.map((head) =>
-      make("th", { scope: "col", class: head === "navigation" && "navigated" }, head)))),
+      make("th", { scope: "col", class: head === "IMU" && "navigated" }, head)))),
     make("tbody", {}, ...rows));
   numbers.append(
-    table("numbers", ["°", "table", "navigation"],
+    table("numbers", ["°", "table", "IMU"],
       row("roll", "roll", 2), row("pitch", "pitch", 2), row("heading", "heading", 2)),
     table("numbers navigated", ["", "total", "east", "north", "up"],
       row("apart", "difference, ″", 4), row("velocity", "velocity, m/s", 4)),
@@ -60,7 +60,7 @@ export function makeAttitude(theme) {
 
   function state({ attitude, live }) {
     if (attitude?.navigation) found = attitude;
-    // A method may estimate too little to navigate by.
+    // Some methods estimate too few coefficients for navigation.
     explain(live === "on" && attitude && !attitude.navigation ? "none" : live);
     if (!attitude) return;
     // What was found last stays, greyed, where the navigation broke off.

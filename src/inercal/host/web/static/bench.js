@@ -1,15 +1,15 @@
-/** What table and IMU say of themselves. */
+/** What the table and the IMU report. */
 
 import { byId, make, put } from "./dom.js";
 import { fixed } from "./format.js";
 
 const COUNTS = [
   ["packets", "packets"],
-  ["lost", "packets that never came"],
-  ["failed", "packets with wrong checks, thrown away"],
-  ["thrown", "bytes thrown away between packets"],
+  ["lost", "lost packets"],
+  ["failed", "checksum errors"],
+  ["thrown", "bytes discarded between packets"],
   ["samples", "samples with an angle"],
-  ["no_angle", "samples without an angle: the table was read too seldom"],
+  ["no_angle", "samples without an angle (table polled too slowly)"],
 ];
 const GRAVE = new Set(["lost", "failed", "no_angle"]);
 
@@ -36,7 +36,7 @@ export function makeBench() {
 
   function plan(message) {
     shows = message.spins ? RATES : ANGLES;
-    const heads = ["axis", ...shows.map(([words]) => words), "state"];
+    const heads = ["Table", ...shows.map(([words]) => words), "state"];
     rows = message.axes.map(() => heads.slice(1).map(() => make("td", {}, "—")));
     axes.replaceChildren(
       make("thead", {}, make("tr", {}, ...heads.map((text) => make("th", { scope: "col" }, text)))),

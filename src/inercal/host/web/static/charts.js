@@ -10,7 +10,8 @@ import { calm } from "./theme.js";
 
 const OFTEN = 32; // ms between pictures, on average
 const CALM = 400; // ms between them where the device asks for little motion
-const HEIGHT = 214; // px
+const HEIGHTS = [110, 214]; // px: the least and the most of a plot
+const BESIDE = 548; // px of a window that header, table and last events need above and below both plots
 
 export function makeCharts(theme, marks) {
   const head = new Playhead();
@@ -41,12 +42,13 @@ export function makeCharts(theme, marks) {
     head.clear();
     zoom.reset();
     ring = new Ring(channels.length);
+    const height = Math.min(Math.max((innerHeight - BESIDE) / 2, HEIGHTS[0]), HEIGHTS[1]);
     charts = [...document.querySelectorAll(".chart")].map((box) => {
       const own = channels.map((channel, i) => ({ ...channel, i }))
         .filter(({ measures }) => measures === box.dataset.measures);
       box.hidden = !own.length;
       if (!own.length) return null;
-      const made = makeChart(box, own, ring, { theme, marks, zoom, height: HEIGHT });
+      const made = makeChart(box, own, ring, { theme, marks, zoom, height });
       inSight.observe(made.place);
       return made;
     }).filter(Boolean);

@@ -4,6 +4,8 @@ import { allow, allowed, byId, close, open } from "./dom.js";
 import { going, heardSince, say, seen } from "./live.js";
 import { notice, order, unsent } from "./notice.js";
 
+const UNANSWERED = "STOP was sent, but the bench sends no data: use the emergency stop.";
+
 export function makeControls() {
   const [stop, pause, goOn, abort] = ["stop", "pause", "go-on", "abort"].map(byId);
   const asking = byId("ask-abort");
@@ -11,15 +13,15 @@ export function makeControls() {
   let stopped = NaN; // ms: when STOP was sent last
 
   stop.addEventListener("click", stopNow);
-  pause.addEventListener("click", () => ask(pause, "pause", "The bench is asked to pause."));
-  goOn.addEventListener("click", () => ask(goOn, "go on", "The bench is asked to go on."));
+  pause.addEventListener("click", () => ask(pause, "pause", "Pause requested."));
+  goOn.addEventListener("click", () => ask(goOn, "go on", "Continue requested."));
   abort.addEventListener("click", () => {
     if (allowed(abort)) open(asking);
     else notice(abort.title);
   });
   byId("abort-yes").addEventListener("click", () => {
     close(asking);
-    ask(abort, "abort", "The bench is asked to abort.");
+    ask(abort, "abort", "Abort requested.");
   });
   for (const button of document.querySelectorAll("[data-closes]")) {
     button.addEventListener("click", () => close(button.closest("dialog")));
@@ -36,26 +38,26 @@ export function makeControls() {
   /** Any viewer may: it goes to the watchdog. */
   function stopNow() {
     if (!say({ do: "stop" })) {
-      notice("STOP was NOT sent, there is no connection: use the emergency stop.");
+      notice("STOP was NOT sent because there is no connection: use the emergency stop.");
       return stopWithoutSocket();
     }
     stopped = performance.now();
     if (seen.link === "quiet") return unsure();
     if (seen.link === "silent") {
-      return notice("STOP was sent, but there is no news from the bench: use the emergency stop.");
+      return notice(UNANSWERED);
     }
-    notice(going() ? "STOP was sent." : "STOP was sent; no run is known to go on.");
+    notice(going() ? "STOP was sent." : "STOP was sent, although no run seems to be active.");
   }
 
   /** The server may be there though it has no place for the socket of this page. */
   async function stopWithoutSocket() {
     const answer = await fetch("/api/stop", { method: "POST" }).catch(() => null);
     if (!answer?.ok) return;
-    notice("STOP was sent, but there is no news from the bench: use the emergency stop.");
+    notice(UNANSWERED);
   }
 
   function unsure() {
-    notice("STOP was sent, but no word comes from the server: it may NOT have arrived. Use the "
+    notice("STOP was sent, but the server does not answer, so it may NOT have arrived. Use the "
       + "emergency stop.");
   }
 
@@ -78,16 +80,16 @@ export function makeControls() {
     const paused = Boolean(seen.state?.paused) || seen.state?.phase === "paused";
     const phase = seen.state?.phase; // also while it is said in other words what is made of the run
     const why = !going() ? "no run is active"
-      : seen.plan?.manual ? "the table is operated by hand: see its panel"
-      : phase === "done" ? "the table is at rest, results are being made"
-      : phase === "aborted" ? "the run is ending already"
+      : seen.plan?.manual ? "the table is under manual control: use its panel"
+      : phase === "done" ? "the table is at rest and the results are being computed"
+      : phase === "aborted" ? "the run is already ending"
       : seen.link === "lost" ? "not connected"
-      : !seen.people.yours ? "only who operates may: take control first" : "";
+      : !seen.people.yours ? "only the operator can do this: take control first" : "";
     const begun = seen.state !== null && !seen.phase;
-    const old = seen.link === "live" ? "" : "what is shown is old";
-    const idle = paused ? "it is paused" : "the table is not driven now";
+    const old = seen.link === "live" ? "" : "this page shows old data";
+    const idle = paused ? "the run is paused" : "nothing is moving the table now";
     allow(pause, !why && begun && !paused, why || idle);
-    allow(goOn, !why && paused && !old, why || (paused ? old : "it is not paused"));
+    allow(goOn, !why && paused && !old, why || (paused ? old : "the run is not paused"));
     allow(abort, !why, why);
     note.hidden = !going() || !seen.people.yours || !seen.plan;
     document.body.classList.toggle("paused", paused && going());

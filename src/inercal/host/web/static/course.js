@@ -1,4 +1,4 @@
-/** The course of the coefficient that was chosen, with its ±2σ, over the whole run. */
+/** The chosen coefficient over the whole run, with its ±2σ. */
 
 import { byId, make, put } from "./dom.js";
 import { digits } from "./format.js";
@@ -26,7 +26,7 @@ export function makeCourse(theme, marks) {
     changed: redraw,
   });
   const plot = makePlot(place, {
-    label: "Course of the coefficient that was chosen", height: HEIGHT, theme, marks, zoom, said,
+    label: "The chosen coefficient over time", height: HEIGHT, theme, marks, zoom, said,
     range: (_u, low, high) => range(low, high),
     read: tell,
     series: [{ stroke: () => theme.ink, width: 1.8, points: { show: false } }, edge, edge],
@@ -67,7 +67,7 @@ export function makeCourse(theme, marks) {
     if (history !== from) zoom.reset();
     [coefficient, history, index] = [one, from, i];
     rows = from ? [0, 1].map(() => new Float64Array(from.time.length)) : [];
-    put(title, one ? `Course of ${one.name} (${one.meaning}), ${one.unit}` : "Course");
+    put(title, one ? `${one.name} (${one.meaning}) over time, ${one.unit}` : "Estimate over time");
     redraw();
   }
 

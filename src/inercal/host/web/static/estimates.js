@@ -7,13 +7,13 @@ import { History } from "./history.js";
 const KINDS = { f: "accelerometers", w: "gyros" };
 const PARTS = { ...KINDS, all: "all axes" }; // of the sensor, each estimated by itself
 const WORDS = {
-  waits: "Nothing is estimated yet: the method needs more samples.",
-  ended: "Live estimation broke off: in grey is what was found last. The recording counts: the "
-    + "results are made of it at the end.",
-  none: "By this method nothing is estimated live: the results are made at the end.",
+  waits: "No estimates yet: the method needs more samples.",
+  ended: "Live estimation has stopped; the grey values are the last ones. The recording is complete: "
+    + "the results are computed from it at the end.",
+  none: "This method estimates nothing during the run: the results are computed at the end.",
 };
 const NIS = "normalised innovation squared";
-const NIS_MEANING = "Innovation squared over its stated variance: about 1 where all is as stated";
+const NIS_MEANING = "Squared innovation divided by its stated variance: about 1 if noise and bench are as stated";
 export const SIGNS = { good: "✓", care: "▲", bad: "✗" }; // beside the colours
 const DECADES = 3; // of shrinking from the top of a small picture to its bottom
 const POINTS = 100; // of a small picture
@@ -82,8 +82,7 @@ export function makeEstimates(course) {
         ...axes.map((axis) => make("td", {}, of(axis) ? cells[of(axis).i].button : "")));
     });
     return make("div", { class: "scroll" }, make("table", { class: "estimates" },
-      make("caption", {}, KINDS[kind]),
-      make("thead", {}, make("tr", {}, make("th", { scope: "col" }, ""),
+      make("thead", {}, make("tr", {}, make("th", { scope: "col" }, KINDS[kind]),
         ...axes.map((axis) => make("th", { scope: "col" }, axis)))),
       make("tbody", {}, ...rows)));
   }
@@ -97,7 +96,7 @@ export function makeEstimates(course) {
     const button = make("button", { type: "button", class: "coefficient", tabindex: "-1",
       "aria-pressed": "false", "data-name": coefficient.name,
       title: `${coefficient.name}: ${coefficient.meaning}`,
-      "aria-label": `${coefficient.name}: not known yet` }, value, picture);
+      "aria-label": `${coefficient.name}: no estimate yet` }, value, picture);
     button.addEventListener("click", () => choose(i, true));
     button.addEventListener("keydown", (event) => move(event));
     return { button, value, funnel, coefficient };
@@ -146,9 +145,9 @@ export function makeEstimates(course) {
     cells.forEach((one, i) => {
       const [value, spread] = digits(values[i] ?? NaN, u2[i] ?? NaN);
       const { name, unit } = one.coefficient;
-      put(one.value, Number.isFinite(values[i]) ? `${value} ± ${spread}` : "—");
+      put(one.value, Number.isFinite(values[i]) ? `${value} ±\u00a0${spread}` : "—");
       one.button.setAttribute("aria-label", Number.isFinite(values[i])
-        ? `${name}: ${value} ± ${spread} ${unit}` : `${name}: not known yet`);
+        ? `${name}: ${value} ± ${spread} ${unit}` : `${name}: no estimate yet`);
       spark(one, i);
     });
     grade(last?.nis);
@@ -182,7 +181,7 @@ export function makeEstimates(course) {
 
   function title(results) {
     put(byId("estimates-title").firstChild, results ? "Results " : "Estimates ");
-    put(byId("estimates-what"), results ? "of the calibration file: value ± U, k = 2"
+    put(byId("estimates-what"), results ? "from the calibration file: value ± U, k = 2"
       : "live: value ± 2σ");
   }
 

@@ -73,7 +73,7 @@ export function makeFilterForm(changed) {
     const answer = await fetch("/api/filter", { method: "POST", headers, body }).catch(() => null);
     const said = await answer?.json().catch(() => null);
     if (question !== asked) return;
-    errors = said?.errors ?? { "": said?.words ?? "the server does not say whether they are possible" };
+    errors = said?.errors ?? { "": said?.words ?? "the server did not check the parameters" };
     show();
   }
 

@@ -1,22 +1,22 @@
-/** After the run: what came of it, and where it goes on. */
+/** After the run: its result, and what to do next. */
 
-import { byId, make, put } from "./dom.js";
+import { byId, make, mark, put } from "./dom.js";
 import { SIGNS } from "./estimates.js";
 import { seen } from "./live.js";
 import { order } from "./notice.js";
 
 const AGAIN = new Set(["carried out", "interrupted"]); // what can be resumed
 const LINKS = [
-  ["report", "Open the report"],
+  ["report", "Report"],
   ["calibration", "Calibration file"],
-  ["history", "History of this sensor"],
+  ["history", "Sensor history"],
 ];
 const TITLES = {
-  done: "The run is done",
-  "carried out": "The run is measured, but not calibrated",
+  done: "The run is complete",
+  "carried out": "The measurement is complete, but there is no calibration",
   interrupted: "The run was interrupted",
-  "not begun": "The run did not begin",
-  manual: "Operation by hand has ended",
+  "not begun": "The run did not start",
+  manual: "Manual control has ended",
 };
 
 export function makeFinished(people) {
@@ -35,6 +35,7 @@ export function makeFinished(people) {
     const { verdict, state } = message;
     const tone = verdict?.level ?? ({ done: "good", manual: "care" }[state] ?? "bad");
     section.className = `verdict ${tone}`;
+    mark(section, "state", state);
     put(byId("verdict"), TITLES[state] ?? state);
     const byHand = state === "manual"; // nothing was tested: why it ended is all there is
     put(byId("verdict-words"), verdict ? `${SIGNS[tone] ?? ""} ${verdict.words}` : byHand ? message.words : "");

@@ -1,19 +1,19 @@
 /** What is going on, in words: phase, time, connection. */
 
-import { byId, put } from "./dom.js";
+import { byId, mark, put } from "./dom.js";
 import { clock, fixed } from "./format.js";
 import { age, going, quiet, seen } from "./live.js";
 
 const PHASES = {
-  enable: "switching the servos on",
-  home: "homing: finding the zeros",
-  mount: "waiting for the mounting of the sensor",
-  approach: "going to where the step begins",
+  enable: "switching on the servos",
+  home: "homing the axes",
+  mount: "waiting for the sensor to be mounted",
+  approach: "moving to the start of the step",
   work: "measuring",
   moves: "turning",
   holds: "holding",
   return: "returning to zero",
-  manual: "operated by hand",
+  manual: "manual control",
   paused: "paused",
   done: "all steps done",
   aborted: "stopped",
@@ -21,9 +21,9 @@ const PHASES = {
 const LINKS = {
   connecting: "connecting …",
   live: "connected",
-  silent: "no news",
-  quiet: "no word",
-  lost: "not connected",
+  silent: "no data",
+  quiet: "no reply",
+  lost: "disconnected",
 };
 
 export function makeHeader() {
@@ -46,7 +46,7 @@ export function makeHeader() {
   }
 
   function idle() {
-    put(over, "live page of the bench");
+    put(over, "bench live page");
     put(sensor, "Set up a run");
     document.title = "inercal bench";
     delete document.body.dataset.bench;
@@ -62,9 +62,10 @@ export function makeHeader() {
     if (!state) return put(time, seen.plan ? `${clock(seen.plan.seconds)} planned` : "");
     const [gone, left] = [state.time, Math.max(state.remaining ?? 0, 0)];
     progress.value = seen.done?.state === "done" ? 1 : gone / Math.max(gone + left, 1e-9);
-    const fast = state.speed > 1.5 ? ` · ${fixed(state.speed, 0)} × real time` : "";
-    if (seen.plan?.manual) put(time, `${clock(gone)} since it began`);
-    else put(time, `${clock(gone)} gone${seen.done ? "" : `, ${clock(left)} to go${fast}`}`);
+    mark(time, "time", String(gone));
+    const fast = state.speed > 1.5 ? ` (${fixed(state.speed, 0)}×)` : "";
+    if (seen.plan?.manual) put(time, `${clock(gone)} since the start`);
+    else put(time, `${stepCount()}${clock(gone)} elapsed${seen.done ? "" : `, ${clock(left)} left${fast}`}`);
     put(trouble, state.trouble && !seen.done ? `▲ ${state.trouble}` : "");
   }
 
@@ -75,15 +76,15 @@ export function makeHeader() {
     const old = ["lost", "quiet"].includes(now) || (now === "silent" && going());
     document.body.classList.toggle("old", old);
     if (now === "lost") {
-      put(lost, "Connection lost. What is shown is old, and STOP of this page cannot reach the "
-        + "table: use the emergency stop. Trying again …");
+      put(lost, "Connection lost. This page shows old data, and its STOP button cannot reach "
+        + "the table: use the emergency stop. Reconnecting …");
     } else if (now === "quiet") {
-      put(lost, `No word from the server for ${fives(quiet())} s or more: the connection may be `
-        + "broken. What is shown is old, and STOP of this page may not reach the table: use the "
-        + "emergency stop.");
+      put(lost, `The server has sent nothing for ${fives(quiet())} s or more, so the connection may `
+        + "be broken. This page shows old data, and its STOP button may not reach the table: use "
+        + "the emergency stop.");
     } else if (now === "silent" && going()) {
       const seconds = fives(age()) || 2;
-      put(lost, `No news from the bench for ${seconds} s or more. What is shown is old.`);
+      put(lost, `No data from the bench for ${seconds} s or more. This page shows old data.`);
     } else put(lost, "");
   }
 
@@ -93,18 +94,25 @@ export function makeHeader() {
   };
 }
 
-/** Read aloud each time that it differs: in steps of 5 s, of those that have gone. */
+/** Whole multiples of 5 s: a screen reader reads each change aloud. */
 const fives = (seconds) => Math.floor(seconds / 5) * 5;
 
 function words() {
   const { state, done } = seen;
-  if (done) return done.state === "manual" ? "operation by hand has ended" : done.state;
+  if (done) return done.state === "manual" ? "manual control has ended" : done.state;
   if (seen.phase) return seen.phase;
-  if (!state) return seen.plan ? "beginning" : "";
+  if (!state) return seen.plan ? "starting" : "";
   if (state.paused) return /^paused/.test(state.paused) ? state.paused : `paused: ${state.paused}`;
-  const count = seen.plan?.steps.length ?? 0;
-  const step = seen.plan?.steps[state.done];
   const doing = PHASES[state.phase] ?? state.phase;
-  const inStep = step && !["enable", "home", "return", "done", "aborted"].includes(state.phase);
-  return inStep ? `step ${state.done + 1} of ${count}: ${step.label}, ${doing}` : doing;
+  const step = currentStep();
+  return step ? `${step.label}, ${doing}` : doing;
 }
+
+/** The step that is being run; undefined before the first, after the last and between them. */
+function currentStep() {
+  const { state, plan, done } = seen;
+  if (done || !state || ["enable", "home", "return", "done", "aborted"].includes(state.phase)) return undefined;
+  return plan?.steps[state.done];
+}
+
+const stepCount = () => (currentStep() ? `step ${seen.state.done + 1} of ${seen.plan.steps.length} · ` : "");

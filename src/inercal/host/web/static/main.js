@@ -41,7 +41,7 @@ const course = made("course", () => makeCourse(theme, marks));
 const setup = made("set-up", () => makeSetup(people));
 const attitude = made("attitude", () => makeAttitude(theme));
 const estimates = made("estimates", () => makeEstimates(course));
-// Of no use to a run: it is fetched when a session by hand begins.
+// A run does not need it: it is fetched when a manual session begins.
 const manual = fetched("manual panel", (plan) => plan.manual,
   async () => (await import("./manual.js")).makeManual(theme, marks));
 
@@ -84,7 +84,7 @@ function safely(name, what) {
     if (!broken.has(name)) {
       broken.add(name);
       console.error(error);
-      notice(`Of this page does not work: ${[...broken].join(", ")} (${error.message}).`);
+      notice(`These parts of the page do not work: ${[...broken].join(", ")} (${error.message}).`);
     }
     return null;
   }
@@ -127,7 +127,7 @@ function frame(now) {
 /** Show in the plots what was read at a time of the run. */
 function showTime(time) {
   const trends = manual.showTime?.(time);
-  if (!charts.showTime?.(time) && !trends) notice("Readings of that time are not here any more: see the report.");
+  if (!charts.showTime?.(time) && !trends) notice("This page no longer has the readings of that time: see the report.");
   course.showTime?.(time);
 }
 

@@ -1,5 +1,5 @@
 /**
- * The table by hand: for each axis lamps, set against actual value, a trend, and what can be asked.
+ * A manual session: for each axis its lamps, set and actual values, their trend, and its commands.
  *
  * A jog lasts as long as a button or a key is held: while it is, the page says so ten times a second,
  * and whatever takes the hand or the eye away ends it at once. That these messages come is checked
@@ -29,7 +29,7 @@ const LAMPS = [
 const SHORT = { servo: "servo", homed: "homed", in_position: "in position", moving: "moving",
   low: "limit −", high: "limit +", fault: "fault" };
 const SIGNS = { good: "●", care: "▶", bad: "✗" }; // of a lamp that is lit, beside its colour
-const DOES = { idle: "", home: "seeks its zero", go: "goes", jog: "is jogged", stop: "stops" };
+const DOES = { idle: "", home: "homing", go: "moving", jog: "jogging", stop: "stopping" };
 const JOG_KEYS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
 
 export function makeManual(theme, marks) {
@@ -44,12 +44,12 @@ export function makeManual(theme, marks) {
 
   const said = make("p", { id: "manual-said", class: "care", role: "status" });
   const halt = make("button", { type: "button", class: "grave", id: "halt" }, "Halt all axes");
-  const end = make("button", { type: "button", id: "end-manual" }, "End operation by hand");
-  const tools = make("div", { class: "tools", role: "group", "aria-label": "Time of the trends that is shown" },
+  const end = make("button", { type: "button", id: "end-manual" }, "End manual control");
+  const tools = make("div", { class: "tools", role: "group", "aria-label": "Time range of the trends" },
     ...zoomButtons(`Last ${SPAN} s`));
   const places = make("div", { id: "manual-axes" });
-  const hint = make("p", { class: "small", id: "jog-hint" }, "Hold a jog button, or with the focus on "
-    + "it Space, Enter, ← or →: the axis turns while it is held and stops when it is let go.");
+  const hint = make("p", { class: "small", id: "jog-hint" }, "Hold a jog button, or focus it and hold "
+    + "Space, Enter, ← or →. The axis turns while you hold it and stops when you let go.");
   const zoom = makeZoom(tools, {
     limits: () => (ring?.end ? [ring.time[0], newest()] : [0, 1]),
     normal: () => [Math.max(newest(), SPAN) - SPAN, Math.max(newest(), SPAN)],
@@ -65,7 +65,7 @@ export function makeManual(theme, marks) {
   });
   end.addEventListener("click", () => {
     release();
-    if (allowed(end)) order({ do: "abort" }, "Operation by hand is being ended.");
+    if (allowed(end)) order({ do: "abort" }, "Ending manual control …");
     else tell(end.title);
   });
   // Whatever takes the hand or the eye away.
@@ -128,7 +128,7 @@ export function makeManual(theme, marks) {
     const jog = (key, sign) => {
       const words = sign < 0 ? "Jog −" : "Jog +";
       axis[key] = make("button", { type: "button", class: "jog", "aria-label":
-        `${words} axis ${name}, while it is held`, "aria-describedby": "jog-hint" }, words);
+        `${words} axis ${name}, while held`, "aria-describedby": "jog-hint" }, words);
       hold(axis, axis[key], sign);
       return axis[key];
     };
@@ -185,7 +185,7 @@ export function makeManual(theme, marks) {
     release();
     if (!allowed(button)) return tell(button.title);
     const rate = typed(axis.pace);
-    if (!(rate > 0)) return tell(`Axis ${axis.name}: the rate is a number of °/s above 0.`);
+    if (!(rate > 0)) return tell(`Axis ${axis.name}: enter the rate in °/s, above 0.`);
     number += 1;
     if (!ask({ what: "jog", axis: axis.name, rate: sign * rate, press: number })) return;
     press = { number, button };
@@ -205,8 +205,8 @@ export function makeManual(theme, marks) {
 
   function go(axis) {
     const [angle, rate] = [typed(axis.goal), typed(axis.pace)];
-    if (!Number.isFinite(angle)) return tell(`Axis ${axis.name}: the angle is a number of °.`);
-    if (!(rate > 0)) return tell(`Axis ${axis.name}: the rate is a number of °/s above 0.`);
+    if (!Number.isFinite(angle)) return tell(`Axis ${axis.name}: enter the angle in degrees.`);
+    if (!(rate > 0)) return tell(`Axis ${axis.name}: enter the rate in °/s, above 0.`);
     ask({ what: "go", axis: axis.name, angle, rate });
   }
 
@@ -219,6 +219,14 @@ export function makeManual(theme, marks) {
 
   function tell(words) {
     put(said, words);
+  }
+
+  /** What was before this page was opened, newest pieces first: rows of time, angles, set angles. */
+  function trend({ points }) {
+    if (!ring || !points.length) return;
+    const rows = axes.flatMap((_, i) => [1, 2].map((which) => points.map((point) => point[which][i])));
+    ring.prepend(points.map(([time]) => time), rows);
+    redraw();
   }
 
   function state(message) {
@@ -252,19 +260,19 @@ export function makeManual(theme, marks) {
 
   /** What can be done now, and why not. */
   function show() {
-    const why = !going() ? "operation by hand has ended"
-      : seen.link !== "live" ? "what is shown is old"
-      : !seen.people.yours ? "only who operates may: take control first" : "";
+    const why = !going() ? "manual control has ended"
+      : seen.link !== "live" ? "this page shows old data"
+      : !seen.people.yours ? "only the operator can do this: take control first" : "";
     const mayStop = !going() ? why : !seen.people.yours ? why : "";
     allow(halt, !mayStop, mayStop);
     allow(end, !mayStop, mayStop);
     for (const axis of axes) {
       const is = axis.is ?? {};
       const moves = is.activity && is.activity !== "idle";
-      const servo = is.servo && unsupported.servo ? unsupported.servo : is.servo && moves ? "the axis moves" : "";
-      const ready = !is.servo ? "its servo is off" : is.activity === "home" ? "it seeks its zero" : "";
+      const servo = is.servo && unsupported.servo ? unsupported.servo : is.servo && moves ? "the axis is moving" : "";
+      const ready = !is.servo ? "its servo is off" : is.activity === "home" ? "it is homing" : "";
       const reasons = { servo, home: unsupported.home || ready, go: ready || (is.homed ? "" : "home it first"),
-        back: ready || (is.low ? "it is at its limit −" : ""), onward: ready || (is.high ? "it is at its limit +" : "") };
+        back: ready || (is.low ? "it is at its − limit" : ""), onward: ready || (is.high ? "it is at its + limit" : "") };
       for (const [key, own] of Object.entries(reasons)) {
         const reason = why || own;
         allow(axis[key], !reason, reason && `Axis ${axis.name}: ${reason}.`);
@@ -313,7 +321,7 @@ export function makeManual(theme, marks) {
     mark(document.body, "manual", "no");
   }
 
-  return { plan, state, event, frame, showTime, done: ends, idle: leave,
+  return { plan, state, trend, event, frame, showTime, done: ends, idle: leave,
     people: () => {
       if (!seen.people.yours) release();
       show();
@@ -333,7 +341,7 @@ function typed(field) {
 function limitWords({ rate, low, high }) {
   const ends = Number.isFinite(low) || Number.isFinite(high)
     ? `${Number.isFinite(low) ? fixed(low, 1) : "−∞"} to ${Number.isFinite(high) ? fixed(high, 1) : "∞"} °` : "no soft limits";
-  return `Limits: ${ends}; ${Number.isFinite(rate) ? `up to ${minus(String(+rate.toPrecision(6)))} °/s` : "no limit of rate"}`;
+  return `Limits: ${ends}; ${Number.isFinite(rate) ? `up to ${minus(String(+rate.toPrecision(6)))} °/s` : "no rate limit"}`;
 }
 
 /** A range about all that is in sight. */

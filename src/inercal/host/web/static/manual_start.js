@@ -22,13 +22,13 @@ export function makeManualStart(people, setup) {
   function show() {
     const reason = setup.chosen?.(withImu.checked).why ?? "";
     allow(start, !reason, reason);
-    put(why, reason ? `Before it can begin: ${reason}` : "");
+    put(why, reason ? `Before you can start: ${reason}` : "");
   }
 
   function confirm() {
     const { planId, plan, table, imu, devices } = setup.chosen(withImu.checked);
     wanted = { plan: planId, with_imu: withImu.checked, ...devices };
-    const facts = [["table", table], ["limits and axes of", plan.file], ["IMU", withImu.checked ? imu : "not read"]];
+    const facts = [["table", table], ["axes and limits from", plan.file], ["IMU", withImu.checked ? imu : "not read"]];
     byId("ask-manual-facts").replaceChildren(...facts.map(([name, value]) =>
       make("div", {}, make("dt", {}, name), make("dd", {}, value))));
     put(byId("ask-manual-table"), table);

@@ -1,4 +1,4 @@
-/** The change of a mounting: what the operator is asked for, and the button that confirms it. */
+/** A remounting: the request to the operator, and the button that confirms it. */
 
 import { allow, allowed, byId, put } from "./dom.js";
 import { seen } from "./live.js";
@@ -33,11 +33,11 @@ export function makeMounting() {
     place.hidden = !asked;
     if (!asked) return;
     put(words, `${sentence(asked.instruction)}.`);
-    const why = !seen.people.yours ? "only who operates may: take control first"
-      : seen.link !== "live" ? "what is shown is old"
-      : seen.state.paused ? "it is paused" : "";
+    const why = !seen.people.yours ? "only the operator can do this: take control first"
+      : seen.link !== "live" ? "this page shows old data"
+      : seen.state.paused ? "the run is paused" : "";
     allow(button, !why, why);
-    put(byId("mounted-why"), why ? `Before it can be confirmed: ${why}` : "");
+    put(byId("mounted-why"), why ? `You cannot confirm it now: ${why}` : "");
     if (appears) place.scrollIntoView({ block: "nearest" });
   }
 

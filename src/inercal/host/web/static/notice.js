@@ -20,6 +20,6 @@ export function order(command, words) {
 
 /** Why nothing was sent. */
 export function unsent() {
-  return ["quiet", "silent"].includes(seen.link) ? "What is shown is old: nothing was sent."
-    : "Not connected: nothing was sent.";
+  return ["quiet", "silent"].includes(seen.link) ? "This page shows old data, so nothing was sent."
+    : "Not connected, so nothing was sent.";
 }

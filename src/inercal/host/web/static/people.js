@@ -1,6 +1,6 @@
 /** Who operates: one, by name; all others watch. */
 
-import { byId, close, open, put } from "./dom.js";
+import { byId, close, mark, open, put } from "./dom.js";
 import { say, seen } from "./live.js";
 import { notice, unsent } from "./notice.js";
 import { ofDevice } from "./store.js";
@@ -46,7 +46,7 @@ export function makePeople() {
     if (name.value.trim()) return ask();
     if (document.body.dataset.view === "setup") {
       then = null; // what is wanted is pressed again: typing a name moves no table
-      notice("Say your name first.");
+      notice("Enter your name first.");
       return name.focus();
     }
     again.value = "";
@@ -61,11 +61,12 @@ export function makePeople() {
 
   function people(message) {
     const { viewers, operator, yours } = message;
-    const who = yours ? `you operate (${operator})` : `${operator ?? "nobody"} operates`;
+    const who = yours ? `operator: you (${operator})` : operator ? `operator: ${operator}` : "no operator";
     put(shown, `${who} · ${viewers} ${viewers === 1 ? "viewer" : "viewers"}`);
-    put(control, yours ? "Give control back" : "Take control");
-    put(byId("who-says"), yours ? "You operate. Everybody else watches."
-      : operator ? `${operator} operates; you watch.` : "One operates, everybody else watches.");
+    mark(shown, "operator", yours ? "me" : operator ? "other" : "none");
+    put(control, yours ? "Release control" : "Take control");
+    put(byId("who-says"), yours ? "You operate; everyone else watches."
+      : operator ? `${operator} operates; you watch.` : "One person operates; everyone else watches.");
     if (!yours) return;
     const wanted = then;
     then = null;

@@ -192,5 +192,5 @@ export function makeZoom(tools, { limits, normal, changed }) {
 export function zoomButtons(words) {
   const button = (what, shown, label) => make("button", { type: "button", "data-zoom": what,
     "aria-label": label, "aria-pressed": what === "all" && "true" }, shown);
-  return [button("out", "−", "Show more time"), button("in", "+", "Show less time"), button("all", words, words)];
+  return [button("out", "−", "Zoom out"), button("in", "+", "Zoom in"), button("all", words, words)];
 }

@@ -30,6 +30,18 @@ export class Ring {
     this.end += t.length;
   }
 
+  /** Take in samples that were before all others; those that are known already are left out. */
+  prepend(t, y) {
+    const first = this.end ? this.time[0] : Infinity;
+    const n = t.filter((one) => one < first).length;
+    if (!n || this.end + n > SIZE) return;
+    for (const [row, from] of [[this.time, t], ...this.values.map((row, i) => [row, y[i]])]) {
+      row.copyWithin(n, 0, this.end);
+      for (let k = 0; k < n; k++) row[k] = from[k] ?? NaN;
+    }
+    this.end += n;
+  }
+
   /** The index of the first sample at or after a time. */
   from(time) {
     let [low, high] = [0, this.end];

@@ -6,7 +6,7 @@ import { fixed, lasting } from "./format.js";
 import { notice, order } from "./notice.js";
 
 const TYPED = "typed";
-const MOVES = "Servos are switched on, the axes are homed, and the table moves: keep clear of it.";
+const MOVES = "The servos switch on, the axes home, and the table moves: keep clear of it.";
 const ROOM = 3; // times what a run needs: less is little
 const TABLES = /^(pmac|acutrol|motor:tcp):\/\/[^\s/?]+(\?\S*)?$/;
 const IMUS = /^tcp:\/\/[^\s/?]+(\?\S*)?$/;
@@ -59,7 +59,7 @@ export function makeSetup(people) {
   async function load() {
     const answer = await fetch("/api/setup").catch(() => null);
     if (answer?.status === 401) return location.reload();
-    if (!answer?.ok) return notice("The server does not say what can be chosen.");
+    if (!answer?.ok) return notice("The server did not send its lists of plans and devices.");
     setup.whole = await answer.json();
     fill();
     for (const tell of setup.loaded) tell(setup.whole);
@@ -70,10 +70,10 @@ export function makeSetup(people) {
     fillPlans(all);
     put(byId("register-trouble"), trouble ? `✗ The register: ${trouble}` : "");
     put(byId("register"), register ? `Register: ${register}` : "");
-    const typed = { id: TYPED, what: "network address, typed" };
+    const typed = { id: TYPED, what: "network address …" };
     options(table, [...tables, typed].map(({ id, what }) => [id, what]));
     options(imu, [...imus, typed].map(({ id, what }) => [id, what]));
-    options(preset, [["", "not known: probe"],
+    options(preset, [["", "unknown: probe the devices"],
       ...presets.map((one) => [one.name, `${one.name} (${one.protection})`])]);
     couple(table);
     show();
@@ -90,7 +90,7 @@ export function makeSetup(people) {
     const same = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`);
     if (same) same.checked = true;
     if (focused) (same ?? plans.querySelector("input:enabled"))?.focus();
-    if (!all.length) plans.append(make("p", {}, "There is no plan in the folder of plans."));
+    if (!all.length) plans.append(make("p", {}, "The plan folder contains no plan."));
   }
 
   /** The simulated bench is both: a table without its IMU, or the other way round, is not a bench. */
@@ -104,10 +104,10 @@ export function makeSetup(people) {
   /** What goes with what is chosen. */
   function show() {
     const plan = planNow();
-    const own = plan ? `${plan.sensor} (the plan's own name)` : "the plan's own name";
+    const own = plan ? `${plan.sensor} (name from the plan)` : "name from the plan";
     const known = setup.whole?.sensors ?? [];
     options(sensors, [["", own], ...known.map((one) => [String(one.id), described(one)]),
-      [TYPED, "another name, typed"]]);
+      [TYPED, "another name …"]]);
     byId("sensor-typed").hidden = sensors.value !== TYPED;
     const name = named() ?? plan?.sensor;
     const entered = known.find((one) => one.name === name);
@@ -123,7 +123,7 @@ export function makeSetup(people) {
     const [level, words] = room(plan);
     byId("room").className = level;
     put(byId("room"), words);
-    byId("moves").textContent = plan?.spins ? "The table turns, and stops where the sensor is to be mounted anew: keep clear of it." : MOVES;
+    byId("moves").textContent = plan?.spins ? "The table turns, and stops whenever the sensor must be remounted: keep clear of it." : MOVES;
     showStart();
   }
 
@@ -131,12 +131,12 @@ export function makeSetup(people) {
   function showStart() {
     const plan = planNow();
     const [level] = room(plan);
-    const why = plan ? level === "bad" ? "make room on the disk" : unclear() : "choose a plan";
+    const why = plan ? level === "bad" ? "free some disk space" : unclear() : "choose a plan";
     allow(probe, !why, why);
     const unknown = isPort(imu) && !preset.value;
-    const first = why || filter.trouble() || (unknown ? "say what packets the IMU sends; probing tells" : "");
+    const first = why || filter.trouble() || (unknown ? "choose the packet format of the IMU (probing finds it)" : "");
     allow(start, !first, first);
-    put(byId("start-why"), first ? `Before it can start: ${first}` : "");
+    put(byId("start-why"), first ? `Before you can start: ${first}` : "");
   }
 
   /** Ask before anything moves, with the names of what will move. */
@@ -149,8 +149,8 @@ export function makeSetup(people) {
     const facts = [["plan", `${plan.file}, ${plan.steps} steps, about ${lasting(plan.seconds)}`],
       ["sensor", wanted.sensor ?? plan.sensor], ["table", deviceText(table, tableAddress)],
       ["IMU", deviceText(imu, imuAddress)],
-      ...Object.entries(changes ?? {}).map(([key, text]) => [`filter ${key}`, text || "as by default"])];
-    byId("ask-start-moves").textContent = `${byId("moves").textContent} Is everybody clear of it?`;
+      ...Object.entries(changes ?? {}).map(([key, text]) => [`filter ${key}`, text || "default"])];
+    byId("ask-start-moves").textContent = `${byId("moves").textContent} Is everyone clear of it?`;
     const [level, words] = room(plan);
     put(byId("ask-start-room"), level === "care" ? words : "");
     byId("ask-start-facts").replaceChildren(...facts.map(([name, value]) =>
@@ -168,15 +168,15 @@ export function makeSetup(people) {
   function room(plan) {
     const { free } = setup.whole ?? {};
     if (!plan?.bytes || !Number.isFinite(free)) return ["", ""];
-    const words = `The run needs about ${megabytes(plan.bytes)}; ${megabytes(free)} are free on the disk`;
-    return free < plan.bytes ? ["bad", `✗ ${words}: make room first.`]
-      : free < ROOM * plan.bytes ? ["care", `▲ ${words}: that is little.`] : ["small", `${words}.`];
+    const words = `The run needs about ${megabytes(plan.bytes)}, and the disk has ${megabytes(free)} free`;
+    return free < plan.bytes ? ["bad", `✗ ${words}. Free some space first.`]
+      : free < ROOM * plan.bytes ? ["care", `▲ ${words}, which is not much.`] : ["small", `${words}.`];
   }
 
   /** What is missing in what was typed. */
   function unclear() {
     const typed = ambient();
-    if (typed !== null && !(typed >= -90 && typed <= 100)) return "the ambient temperature is a number of °C";
+    if (typed !== null && !(typed >= -90 && typed <= 100)) return "enter the ambient temperature as a number in °C";
     if (named() === "") return "type the name of the sensor";
     if (table.value === TYPED && !TABLES.test(tableAddress.value.trim())) {
       return "type the table's address, such as pmac://HOST:1025?motors=1,2,3&counts=3600000";
@@ -186,7 +186,7 @@ export function makeSetup(people) {
     }
     const bauds = [[table, motorBaud], [imu, baud]].filter(([device]) => isPort(device));
     const wrong = bauds.some(([, field]) => !/^[1-9]\d{2,7}$/.test(field.value.trim()));
-    return wrong ? "baud is a number such as 115200" : "";
+    return wrong ? "enter the baud rate as a number such as 115200" : "";
   }
 
   /** The devices as the server takes them. */
@@ -200,7 +200,7 @@ export function makeSetup(people) {
   }
 
   async function ask() {
-    answers.replaceChildren(make("p", {}, "Asking the devices …"));
+    answers.replaceChildren(make("p", {}, "Probing the devices …"));
     const body = JSON.stringify({ plan: planId(), ...devices() });
     const headers = { "Content-Type": "application/json" };
     const answer = await fetch("/api/probe", { method: "POST", headers, body }).catch(() => null);
@@ -213,16 +213,16 @@ export function makeSetup(people) {
     answers.replaceChildren(...["table", "imu"].filter((key) => said[key]).flatMap((key) => [
       make("p", { class: said[key].ok ? "good" : "bad" },
         `${said[key].ok ? "✓" : "✗"} ${key === "imu" ? "IMU" : "Table"} `
-        + (said[key].ok ? "answers" : "does not answer as it should")),
+        + (said[key].ok ? "answers" : "does not answer correctly")),
       make("pre", { tabindex: "0" }, said[key].lines.join("\n"))]));
   }
 
-  /** What is chosen, for who operates by hand; `why` says what is missing. */
+  /** What is chosen for a manual session; `why` says what is missing. */
   function chosen(withImu) {
     const plan = planNow();
     const unknown = withImu && isPort(imu) && !preset.value;
-    const why = plan ? unclear() || (unknown ? "say what packets the IMU sends; probing tells" : "")
-      : "choose the plan whose bench this is";
+    const why = plan ? unclear() || (unknown ? "choose the packet format of the IMU (probing finds it)" : "")
+      : "choose the plan of this bench";
     return { why, plan, planId: planId(), table: deviceText(table, tableAddress),
       imu: deviceText(imu, imuAddress), devices: devices() };
   }

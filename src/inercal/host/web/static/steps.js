@@ -1,10 +1,10 @@
-/** The steps of the plan: done, in hand, to come. */
+/** The steps of the plan: done, current, to come. */
 
 import { byId, make, put } from "./dom.js";
 import { clock, lasting } from "./format.js";
 
 const SIGNS = { done: "✓", now: "▶", "to-come": "·" };
-const WORDS = { done: "done:", now: "in hand:", "to-come": "to come:" };
+const WORDS = { done: "done:", now: "current:", "to-come": "to come:" };
 
 export function makeSteps() {
   const [list, summary] = ["step-list", "steps-done"].map(byId);
@@ -28,7 +28,7 @@ export function makeSteps() {
 
   function state(message) {
     mark(message.done, message.phase !== "done");
-    put(summary, `${message.done} of ${total} done, ${clock(message.remaining)} to go`);
+    put(summary, `${message.done} of ${total} done, ${clock(message.remaining)} left`);
   }
 
   /** Mark the first `done` as done and the next as the one in hand. */

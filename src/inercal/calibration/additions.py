@@ -1,0 +1,64 @@
+"""Coefficients that a run added to its model because its score tests named them.
+
+Each is the leading cause of a fit that its tests reject, and the run was calibrated again with it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.recordings import Finding
+
+
+@dataclass(frozen=True)
+class Addition:
+    """A group of coefficients that was added.
+
+    Parameters
+    ----------
+    group : str
+        As [method] also takes it: "g", "ax.k2".
+    coefficients : tuple of str
+        Their full names.
+    chi2_before, dof_before, chi2_after, dof_after : float and int
+        χ² of the residuals of the fits without and with it, as `ScoreTestSet.chi2`.
+    indistinguishable : tuple of str
+        Other causes that would have explained these residuals as well.
+    """
+
+    group: str
+    coefficients: tuple[str, ...]
+    chi2_before: float
+    dof_before: int
+    chi2_after: float
+    dof_after: int
+    indistinguishable: tuple[str, ...] = ()
+
+
+def additions_text(additions: Sequence[Addition], sensor: Sensor) -> str:
+    """Return a sentence on what was added, in which order, and what it explained; or nothing."""
+    parts = (
+        f"{coefficient_words(sensor, one.group, one.coefficients)}, "
+        f"χ² from {_grouped(one.chi2_before)} to {_grouped(one.chi2_after)}"
+        for one in additions
+    )
+    return f"Added to the model: {'; then '.join(parts)}." if additions else ""
+
+
+def doubtful_additions(additions: Sequence[Addition]) -> tuple[Finding, ...]:
+    """Return a warning for each addition in whose place something else may be the cause."""
+    return tuple(
+        Finding(
+            "warning",
+            "also",
+            f"{one.group} was added, but {' or '.join(one.indistinguishable)} would explain the "
+            "residuals as well; find out which it is, and state it in the run file",
+        )
+        for one in additions
+        if one.indistinguishable
+    )
+
+
+def _grouped(chi2: float) -> str:
+    return f"{chi2:,.0f}".replace(",", " ")

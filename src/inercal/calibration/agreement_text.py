@@ -1,0 +1,184 @@
+"""How well the data agree with the model, and what explains that they do not, in sentences."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from inercal.basics.keys import ErrorName
+from inercal.basics.parameters import Parameter
+from inercal.calibration.grade import Assessment, two_digits
+from inercal.calibration.suspect_text import (
+    bench_words,
+    best_cause_lines,
+    chi2_text,
+    p_value_text,
+    suspect_lines,
+)
+from inercal.estimation import Estimate
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL
+from inercal.physics.sensors import Sensor
+
+_MIN_PULL = 2.0  # standard deviations; smaller residuals are not reported
+
+
+def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
+    """Return the result of the tests of a model that none rejects, in a clause with numbers.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    wrong : bool
+        Whether a check found an error besides.
+    """
+    what = "the residuals agree" if wrong else "the data agree"
+    if estimate.groups:
+        if any(group.spread.excess for group in estimate.groups):
+            return "the residuals are large, but chance can explain them"
+        tested = all(group.dof > 0 for group in estimate.groups)
+        return f"{what} with their noise" if tested else "what can be tested agrees with its noise"
+    if not estimate.dof:
+        return f"{what} with the stated noise and bench by the tests that were made"
+    numbers = f"χ² = {chi2_text(float(estimate.chi2))} with {estimate.dof} degrees of freedom"
+    if estimate.consistent:
+        return f"{what} with the stated noise and bench ({numbers})"
+    percent = two_digits(100 * float(estimate.p_value))
+    return f"the residuals are large, but chance explains this in {percent} % of runs"
+
+
+def agreement_lines(
+    estimate: Estimate, assessment: Assessment, count: int, *, wrong: bool
+) -> Iterator[str]:
+    """Yield sentences on the agreement of the residuals with their noise, and on further tests.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    assessment : Assessment
+    count : int
+        Number of estimated coefficients.
+    wrong : bool
+        Whether a check found an error besides.
+    """
+    yield f"{count} coefficients were estimated."
+    clause = agreement(estimate, wrong=wrong or assessment.rejects)
+    p = float(estimate.p_value) if estimate.dof else 1.0
+    if estimate.dof and not estimate.groups:
+        numbers = f"χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, p = "
+        numbers += f"{p:.2f}" if p >= SIGNIFICANCE_LEVEL else p_value_text(p).removeprefix("= ")
+        clause = f"{clause.partition(' (')[0]} ({numbers})"
+        if not estimate.consistent and assessment.rejects:
+            clause = f"the residuals are larger than the stated noise and bench allow ({numbers})"
+    elif not (assessment.tests or estimate.score_tests.scores):
+        clause = "this estimator makes no test of how well the data agree"
+    elif estimate.groups and assessment.rejects:
+        clause = "the residuals are larger than their noise"
+    if assessment.rejects and not assessment.tests:
+        clause = "the residuals do not agree with the stated noise and bench"
+    yield f"{clause[0].upper()}{clause[1:]}."
+    if estimate.dof and not estimate.groups and not estimate.consistent:
+        yield f"All uncertainties are multiplied by {float(estimate.birge):.2f} because of this."
+    for group in estimate.groups:
+        text = f"{group.name[0].upper()}{group.name[1:]}: χ² = {group.chi2:.1f} with {group.dof} "
+        text += f"degrees of freedom, p {p_value_text(group.p_value)}."
+        if group.spread.excess:
+            scatter = f"{two_digits(float(group.spread.excess))} {group.unit}"
+            text += f" A scatter of {scatter} is added to their noise and so to all uncertainties."
+        if group.spread.share < 1:
+            percent = two_digits(100 * float(group.spread.share))
+            text += " Hand tremor averages out during a rest, so only "
+            text += f"{percent} % of its variance is counted as noise."
+        yield text
+    for test in assessment.rejecting_tests:
+        if not test.name.startswith("residuals"):
+            adjusted = p_value_text(test.adjusted).removeprefix("= ")
+            yield (
+                f"The test “{test.name}” rejects the model: χ² = {test.statistic:.1f} with "
+                f"{test.dof} degrees of freedom, p {p_value_text(test.p_value)} ({adjusted} among "
+                f"{len(assessment.tests)} tests)."
+            )
+
+
+def cause_lines(
+    estimate: Estimate,
+    assessment: Assessment,
+    sensor: Sensor,
+    expected: Mapping[str, Parameter],
+    row_word: str,
+) -> Iterator[str]:
+    """Yield sentences on what explains large residuals, and on what agrees least."""
+    if assessment.suspect is not None:
+        yield from suspect_lines(assessment.suspect, estimate.score_tests, sensor, expected)
+    elif assessment.best is not None:
+        yield from best_cause_lines(assessment.best, sensor, expected)
+    elif no_cause(estimate, assessment):
+        yield (
+            "No single cause explains the residuals: the noise is larger than stated, or something "
+            "changes from row to row."
+        )
+    yield from _outlier_row_lines(assessment, row_word)
+    if not (estimate.consistent or estimate.groups):
+        yield from _largest_pull_lines(estimate, expected)
+
+
+def no_cause(estimate: Estimate, assessment: Assessment) -> bool:
+    """Return whether the residuals are too large, and none of the causes tested explains them."""
+    return assessment.best is None and (
+        assessment.scores_reject
+        or (
+            any(score.dof for score in estimate.score_tests.scores)
+            and any(one.name.startswith("residuals") for one in assessment.rejecting_tests)
+        )
+    )
+
+
+def _outlier_row_lines(assessment: Assessment, row_word: str) -> Iterator[str]:
+    """Yield a line on the row that agrees least with the others, where this is significant."""
+    row, suspect = assessment.row, assessment.suspect
+    if (
+        row is None
+        or row.adjusted >= SIGNIFICANCE_LEVEL
+        or (suspect is not None and suspect.kind == "row")
+    ):
+        return
+    alike = (
+        f" (or {', '.join(row.indistinguishable)}, which the data cannot distinguish from it)"
+        if row.indistinguishable
+        else ""
+    )
+    yield (
+        f"The {row_word} that agrees least with the others is {row.name}{alike}: χ² of its "
+        f"readings is {row.chi2:.1f} with {row.dof} degrees of freedom, p "
+        f"{p_value_text(row.adjusted)} among all."
+    )
+
+
+def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -> Iterator[str]:
+    """Yield lines on the largest residual and the bench parameter farthest from its statement."""
+    if estimate.observations:
+        worst = int(np.argmax(np.abs(estimate.whitened)))
+        if (largest := abs(float(estimate.whitened[worst]))) > _MIN_PULL:
+            yield (
+                f"The largest residual is that of {estimate.observations[worst]}: "
+                f"{two_digits(largest)} standard deviations."
+            )
+    # What the coefficients take up, or what would be implausibly large, is no explanation.
+    useless = {
+        name
+        for score in estimate.score_tests.scores
+        if score.kind == "bench"
+        and (not score.dof or score.is_implausible or score.contradicts_statement)
+        for name in score.components
+    }
+    pulls = {
+        name: abs(float(value - expected[name].value)) / expected[name].sd
+        for name, value in zip(estimate.names, estimate.value, strict=True)
+        if name in expected and expected[name].sd > 0 and name not in useless
+    }
+    name = max(pulls, key=lambda one: pulls[one], default="")
+    if name and pulls[name] > _MIN_PULL:
+        short, place = ErrorName(name).parts
+        named = bench_words(short, (name,), expected) + (f" of {place}" if place else "")
+        yield (
+            f"Of the bench, {named} is farthest from its stated value: {two_digits(pulls[name])} "
+            "standard deviations."
+        )

@@ -1,0 +1,67 @@
+"""Coefficients in words: "g-sensitivity of the x gyro along P (gx.g_p)"."""
+
+import re
+from collections.abc import Sequence
+
+from inercal.basics.keys import CoefficientName
+from inercal.physics.quantities import QUANTITIES
+from inercal.physics.sensors.coefficient_tables import TABLES
+from inercal.physics.sensors.sensor import Sensor
+
+_GROUPS = {
+    "bias": "bias",
+    "scale": "scale-factor error",
+    "misalignment": "misalignment",
+    "nonlinearity": "nonlinearity",
+    "asymmetry": "asymmetry",
+    "cross": "cross-axis nonlinearity",
+    "rotation": "sensitivity to rotation",
+    "arm": "lever arm",
+    "temperature": "sensitivity to temperature",
+    "temperature_order": "nonlinear sensitivity to temperature",
+    "temperature_rate": "sensitivity to the rate of the temperature",
+    "g": "sensitivity to acceleration",
+    "g2": "sensitivity to the square of the acceleration",
+}
+_OF_AXIS = re.compile(r"(?= about | along | against | to |, )")
+_TRIAD_NAME = re.compile(r"[agw]?([xyz])")
+
+
+def axis_words(sensor: Sensor, name: str) -> str:
+    """Return an axis in words: "the x gyro", "accelerometer b"."""
+    kind = next(QUANTITIES[axis.measures].sensor for axis in sensor.axes if axis.name == name)
+    letter = _TRIAD_NAME.fullmatch(name)
+    return f"the {letter[1]} {kind}" if letter else f"{kind} {name}"
+
+
+def coefficient_words(sensor: Sensor, word: str, components: Sequence[str] = ()) -> str:
+    """Return what a key means, with the key in brackets.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Its axes; the coefficients need not be estimated.
+    word : str
+        A full name, or a term or a group of several axes: "gx.g_p", "k2", "g".
+    components : sequence of str
+        Full names of the coefficients that it stands for; by default the word itself.
+    """
+    names = [CoefficientName(one) for one in components or (word,)]
+    axes = dict.fromkeys(one.axis for one in names)
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+    lines = [line for one in names for line in TABLES[measures[one.axis]] if line.name == one.term]
+    term = CoefficientName(word).term
+    meanings = dict.fromkeys(line.meaning for line in lines)
+    if term in _GROUPS and any(line.name != term for line in lines):
+        meanings = {_GROUPS[term]: None}
+    meaning = " and ".join(meanings)
+    if len(axes) == 1 and (CoefficientName(word).axis or len(sensor.axes) == 1):
+        whose = axis_words(sensor, next(iter(axes)))
+    else:
+        kinds = dict.fromkeys(QUANTITIES[measures[axis]].sensors for axis in axes)
+        whose = f"the {' and '.join(kinds)}"
+    what, *rest = _OF_AXIS.split(meaning, maxsplit=1)
+    return f"{what} of {whose}{''.join(rest)} ({word})"
+
+
+__all__ = ["axis_words", "coefficient_words"]

@@ -1,0 +1,86 @@
+"""`[method] also = "auto"`: a run adds the coefficients that its score tests ask for.
+
+While the tests reject the model, and the best of the causes tested is a group of coefficients that
+the advice of the verdict lets the method estimate, the advice is followed. An addition must hold in
+the new fit: χ² fell as the score promised (`RunAdvisor.on_cause`), and the coefficients x with
+covariance C differ from zero, W = xᵀC⁻¹x, at the level of all tests together. The score tests share
+that level among all candidates, so that a model without faults grows in less than 1 % of runs.
+
+At most `MOST_ADDITIONS` groups are added, and at most half of the degrees of freedom are used.
+Coefficients of temperature are left to [method] temperature_order.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from inercal.calibration.additions import Addition
+from inercal.calibration.best_cause import SuspectedCause, familywise_p_value
+from inercal.calibration.detectability import coefficient_definition
+from inercal.calibration.grade import assess
+from inercal.estimation.scores import SIGNIFICANCE_LEVEL, chi2_tail_probability
+from inercal.pipeline.advisor import RunAdvisor
+from inercal.pipeline.outcome import FittedRun
+
+MOST_ADDITIONS = 5
+
+
+def with_added_coefficients(
+    fitted: FittedRun, advise: Callable[[FittedRun], RunAdvisor]
+) -> tuple[FittedRun, RunAdvisor, tuple[Addition, ...]]:
+    """Return the fit with all coefficients that were added, its advisor, and what was added.
+
+    Parameters
+    ----------
+    fitted : FittedRun
+        Without additions.
+    advise : callable
+        From a fit to its advisor.
+    """
+    advisor, additions = advise(fitted), tuple[Addition, ...]()
+    least_dof = fitted.estimate.score_tests.dof / 2
+    while len(additions) < MOST_ADDITIONS:
+        larger = _larger_fit(fitted, advisor)
+        if larger is None or larger[0].estimate.score_tests.dof < least_dof:
+            break
+        fitted, advisor, additions = larger[0], advise(larger[0]), (*additions, larger[1])
+    return fitted, advisor, additions
+
+
+def _larger_fit(fitted: FittedRun, advisor: RunAdvisor) -> tuple[FittedRun, Addition] | None:
+    """Return the fit with the coefficients that explain the residuals best; None where none do."""
+    sensor, estimate = fitted.run.sensor, fitted.estimate
+    possible = fitted.run.method.possible(sensor)
+    cause = assess(estimate, len(sensor.coefficients), possible).best
+    if cause is None or not set(cause.components) <= set(possible):
+        return None
+    terms = [coefficient_definition(sensor, one) for one in cause.components]
+    if any(term.basis.uses("dT", "dTdt") for term in terms):
+        return None
+    advice = advisor.on_cause(cause)
+    if {(one.section, one.key) for one in advice.changes} != {("method", "also")}:
+        return None
+    larger = advisor.followed(advice)
+    if not _is_significant(cause, fitted, larger):
+        return None
+    before, after = estimate.score_tests, larger.estimate.score_tests
+    return larger, Addition(
+        cause.name,
+        cause.components,
+        before.chi2,
+        before.dof,
+        after.chi2,
+        after.dof,
+        cause.indistinguishable,
+    )
+
+
+def _is_significant(cause: SuspectedCause, fitted: FittedRun, larger: FittedRun) -> bool:
+    """Return whether added coefficients differ from zero by the stated covariance of the fit."""
+    tests, estimate = fitted.estimate.score_tests, larger.estimate
+    score = next(one for one in tests.scores if one.name == cause.name)
+    at = [estimate.names.index(name) for name in cause.components]
+    x, covariance = estimate.value[at], estimate.stated_covariance[np.ix_(at, at)]
+    wald = float(x @ np.linalg.solve(covariance, x))
+    p = chi2_tail_probability(wald, len(at), tests.noise_dof)
+    return familywise_p_value(tests, score, p) < SIGNIFICANCE_LEVEL
