@@ -308,7 +308,8 @@ def test_the_page_shows_the_example_and_states_its_numbers():
     example = ROOT / "examples" / "noise" / "data_sheet.toml"
     page = (ROOT / "docs" / "how-to" / "noise.md").read_text(encoding="utf-8")
     assert f"```toml\n{example.read_text(encoding='utf-8')}```" in page
-    assert f"N = {imported(example)['gyro', 'N']['values_in_unit'][0]:.3f} °/√h" in page
+    stated = f"N = {imported(example)['gyro', 'N']['values_in_unit'][0]:.3f} °/√h"
+    assert stated in " ".join(page.split())
     sheet = read_noise_data_sheet(example)
     rms = sheet.coefficient("accelerometer", "N")
     assert rms is not None
