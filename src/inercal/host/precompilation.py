@@ -95,23 +95,16 @@ def _compile_estimator(run: Run) -> None:
 
 
 class _ParallelCompilation:
-    """Follows the accelerometers from when something here is compiled and not loaded."""
+    """Compiles the kernels of the accelerometers in a second process, once `start` is called."""
 
     def __init__(self, run: Run):
         self._run = run
         self._process: Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start, unless it has started."""
-        if self._process is None:
-            command = [
-                sys.executable,
-                "-P",
-                "-m",
-                "inercal.host.precompilation",
-                str(self._run.path),
-            ]
-            self._process = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
+        """Start the process."""
+        program = (sys.executable, "-P", "-m", "inercal.host.precompilation", str(self._run.path))
+        self._process = Popen(program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
 
     def wait(self) -> None:
         """Wait for its end: what it compiled is then loaded here."""

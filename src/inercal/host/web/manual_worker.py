@@ -9,12 +9,13 @@ import os
 import shutil
 import sys
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from inercal.basics.errors import InercalError
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.assembly.table_polls import POLL_INTERVAL
-from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator
+from inercal.host.bench_simulator import COMPILATION_MESSAGE, STARTUP_MESSAGE, BenchSimulator
 from inercal.host.journal import Journal
 from inercal.host.manual.commands import HaltCommand
 from inercal.host.manual.session import ManualSession
@@ -116,9 +117,11 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
     with ExitStack() as opened:
         addresses, simulated = DeviceAddresses(order.table, order.imu, order.clock), None
         if order.simulated is not None:
-            publisher.publish("phase", run=order.name, words=STARTUP_MESSAGE)
+            publish_phase = partial(publisher.publish, "phase", run=order.name)
+            publish_phase(words=STARTUP_MESSAGE)
             # The simulation runs in real time, since a person operates it.
-            bench = BenchSimulator(plan, order.seed, order.simulated, pace=1.0)
+            compiling = partial(publish_phase, words=COMPILATION_MESSAGE)
+            bench = BenchSimulator(plan, order.seed, order.simulated, pace=1.0, compiling=compiling)
             opened.enter_context(bench)
             addresses = DeviceAddresses(bench.table, bench.imu if order.with_imu else "")
             simulated = SimulationRequest(order.simulated, order.seed)

@@ -18,9 +18,15 @@ from typing import Any, Literal
 from urllib.parse import quote
 
 from inercal.basics.errors import InercalError
+from inercal.estimation.kernel_options import on_compilation
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
-from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator, start_bench_simulator
+from inercal.host.bench_simulator import (
+    COMPILATION_MESSAGE,
+    STARTUP_MESSAGE,
+    BenchSimulator,
+    start_bench_simulator,
+)
 from inercal.host.clock import SimulatedClock
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
@@ -206,7 +212,9 @@ class RunController:
         if wanted is None:
             return DeviceAddresses(order.table, order.imu, order.clock)
         self._publish_phase(STARTUP_MESSAGE)
-        bench = opened.enter_context(start_bench_simulator(run, wanted.seed, wanted.preset))
+        bench = opened.enter_context(
+            start_bench_simulator(run, wanted.seed, wanted.preset, self._publish_compilation)
+        )
         self._compiled = True
         if order.plan is None:
             _advance_past_log(bench, self._folder)
@@ -232,8 +240,8 @@ class RunController:
         """Have the plan carried out, or what is left of it; return what was found meanwhile."""
         was = journal.header()
         if not self._compiled:
-            self._publish_phase("compiling what a run needs, once on each machine")
-            precompile_run(made.run, layout_of_address(was.imu))
+            with on_compilation(self._publish_compilation):
+                precompile_run(made.run, layout_of_address(was.imu))
         self._publish_phase("connecting to table and IMU")
 
         def show(run: BenchRun) -> None:
@@ -253,6 +261,9 @@ class RunController:
     def _record_notes(self, journal: Journal, time: float | None = None) -> None:
         for words in self._control.take_notes():
             journal.record_event(NOTE_LEVEL, words, time)
+
+    def _publish_compilation(self) -> None:
+        self._publish_phase(COMPILATION_MESSAGE)
 
     def _publish_phase(self, words: str) -> None:
         self._publisher.publish("phase", run=self._order.name, words=words)
