@@ -1,4 +1,4 @@
-"""A simulated bench for a host: table and IMU as processes of their own, at real connections."""
+"""A simulated bench for a host: table and IMU as separate processes with real connections."""
 
 import os
 import subprocess
@@ -114,7 +114,7 @@ class BenchSimulator(Closeable):
         self.addresses = DeviceAddresses(self.table, self.imu, self.clock or "")
 
     def inject_fault(self, which: Literal["table", "imu"], words: str) -> None:
-        """Tell a process a fault; see `sim.server.execute_commands` and `sim.mimu`.
+        """Inject a fault into a process; see `sim.server.execute_commands` and `sim.mimu`.
 
         Raises
         ------
@@ -183,7 +183,7 @@ class BenchSimulator(Closeable):
         )
 
     def _address(self, which: str) -> list[str]:
-        """Return the words behind `at` in the first line that a process says."""
+        """Return the words after `at` in the line in which a process states its address."""
         told = self._processes[which].stdout
         assert told
         said = told.readline().strip()

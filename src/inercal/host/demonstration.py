@@ -35,7 +35,7 @@ RUN_FILE, _PATH = "mimu.toml", "path.csv"
 
 @dataclass(frozen=True, eq=False)
 class DemonstrationResult:
-    """What came of it.
+    """The result of the demonstration.
 
     Parameters
     ----------
