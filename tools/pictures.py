@@ -22,11 +22,11 @@ _PATIENCE = 300_000.0  # ms; kernels are compiled once on a machine
 
 
 @contextmanager
-def opened(browser: Browser, scheme: str, height: int) -> Iterator[Page]:
-    """Give an empty page of 1100 pixels in a colour scheme."""
+def opened(browser: Browser, scheme: str, width: int, height: int) -> Iterator[Page]:
+    """Give an empty page in a colour scheme."""
     dark = scheme == "dark"
     context = browser.new_context(
-        viewport={"width": 1100, "height": height}, color_scheme="dark" if dark else "light"
+        viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light"
     )
     context.set_default_timeout(_PATIENCE)
     yield context.new_page()
@@ -37,7 +37,7 @@ def picture_report(browser: Browser, folder: Path) -> None:
     """Take the head of the report that `inercal demo` writes."""
     subprocess.run([*_PROGRAM, "demo", "--out", str(folder)], check=True, capture_output=True)
     for scheme, end in SCHEMES.items():
-        with opened(browser, scheme, 860) as page:
+        with opened(browser, scheme, 1100, 860) as page:
             page.goto((folder / "mimu.report.html").as_uri())
             page.screenshot(path=IMAGES / f"report{end}.png")
 
@@ -54,7 +54,7 @@ def picture_live_page(browser: Browser, folder: Path) -> None:
         assert address is not None
         try:
             for scheme, end in SCHEMES.items():
-                with opened(browser, scheme, 1000) as page:
+                with opened(browser, scheme, 1366, 768) as page:
                     page.goto(address[0])
                     if scheme == "light":
                         _start(page)

@@ -1,4 +1,4 @@
-"""The panel by which a table is operated by hand, before a server that says what it is told to.
+"""The panel of a manual session, before a server that says what it is told to.
 
 What the page sends is what counts: a jog as long as a hand holds it, a release whatever ends it.
 """
@@ -20,7 +20,7 @@ STATE = {"phase": "manual", "done": 0, "remaining": None, "live": "none", "attit
 
 
 def manual_plan(**unsupported: str) -> messages.Message:
-    """Return what a session by hand says first, without an IMU."""
+    """Return what a manual session says first, without an IMU."""
     empty: dict[str, Any] = {"channels": [], "steps": [], "coefficients": []}
     manual = {"limits": [LIMITS] * 3, "unsupported": unsupported}
     return messages.plan(seconds=0.0, axes=list(AXES), manual=manual, **empty)
@@ -34,7 +34,7 @@ def manual_state(time: float, **inner: Any) -> messages.Message:
 
 @pytest.fixture
 def panel(page: Page, scripted: ScriptedServer) -> Page:
-    """Open the page of a session by hand, as its operator."""
+    """Open the page of a manual session, as its operator."""
     open_page(page, scripted, manual_plan(), manual_state(1.0))
     take_control(page, scripted)
     expect(jog(page)).to_have_attribute("aria-disabled", "false")

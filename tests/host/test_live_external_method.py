@@ -78,7 +78,7 @@ def test_its_live_estimate_is_that_of_the_recording_to_the_last_bit(whole: Whole
         assert bits(live.partial_estimates) == bits(again.estimate())
     estimate = whole.finished.outcome.estimate
     assert estimate.value.tobytes() == live.values.tobytes()
-    assert "the live estimate is that of the recording, to the last bit" in whole.words
+    assert "the live estimate is identical to that of the recording" in whole.words
 
 
 def test_it_finds_the_biases_of_the_simulated_gyros(whole: Whole):

@@ -72,7 +72,7 @@ def test_a_key_that_is_let_go_stops_at_once_and_late_messages_revive_nothing(my:
     script = [*holds(my, 1.0, 1.9), (2.0, my.ask("release")), *late, again]
     my.operate(*on(my, "inner"), jog("inner", my), *script, until=6)
     assert rests_from(my, INNER) < 2.0 + 0.05 + RATE / ACCELERATION + SERVO_LAG
-    assert any("not begun" in words for words in my.said("info"))
+    assert any("not started" in words for words in my.said("info"))
 
 
 def test_an_angle_or_a_rate_beyond_the_limits_is_refused_before_anything_moves(my: ByHand):
@@ -156,7 +156,7 @@ def test_a_servo_is_switched_off_by_axis_and_a_halt_leaves_it_off(my: ByHand):
     state = my.session.state
     assert state is not None
     assert [axis.enabled for axis in state.axes] == [False, False, True]
-    assert any("moves" in words for words in my.said("warning"))
+    assert any("moving" in words for words in my.said("warning"))
 
 
 def test_a_hand_may_turn_an_axis_whose_servo_is_off(my: ByHand):

@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.host.simulated_runs import plan
 from tests.host.synthetic_log import LAYOUT, run_file
 
 from inercal.host import precompilation as host_compile
+from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.packets import PacketLayout, read_layout
 
 RUN = """
@@ -52,6 +54,22 @@ def test_a_run_compiles_nothing_more(tmp_path: Path, method: str):
         text=True,
     )
     assert made.stdout.splitlines() == ["done"], made.stdout + made.stderr
+
+
+@pytest.mark.slow
+def test_a_process_of_the_bench_says_that_it_compiles_only_when_it_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    run = plan(tmp_path / "plan")
+    compiled: list[str] = []
+    with BenchSimulator(run.path, seed=1):
+        pass  # this process and the table's have their kernels
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    for _ in range(2):
+        with BenchSimulator(run.path, seed=1, compiling=lambda: compiled.append("")):
+            compiled.append("ready")
+    # The IMU's process compiles the first time; those of this process are loaded already.
+    assert compiled == ["", "ready", "ready"]
 
 
 @pytest.mark.parametrize("name", ["fixed", "ascii", "novatel", "vn100", "xsens"])

@@ -1,6 +1,7 @@
 """`inercal demo`: calibrate an IMU on a simulated three-axis table, compare with the truth."""
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import typer
@@ -26,14 +27,16 @@ def run(
     """Calibrate an IMU on a simulated table, and compare the result with the truth."""
     from inercal.calibration.files import calibration_object
     from inercal.cli.bench_view import STOP_HELP, run_display
-    from inercal.host.bench_simulator import STARTUP_MESSAGE
+    from inercal.host.bench_simulator import COMPILATION_MESSAGE, STARTUP_MESSAGE
     from inercal.host.demonstration import demo
     from inercal.host.run_folder import prepare_folder
 
     prepare_folder(out)
-    print(STARTUP_MESSAGE, file=sys.stderr, flush=True)
+    say = partial(print, file=sys.stderr, flush=True)
+    say(STARTUP_MESSAGE)
     with run_display(STOP_HELP) as show:
-        shown = demo(out, seed, quick=quick, show=show)
+        compiling = partial(say, COMPILATION_MESSAGE)
+        shown = demo(out, seed, quick=quick, show=show, compiling=compiling)
     if json:
         result = calibration_object(shown.outcome.calibration)
         print_json(result | {"truth": dict(shown.truth)} | dict(shown.files))

@@ -72,11 +72,13 @@ def kernel_value(function: F) -> F:
 
 
 class _CompilationListener(event.Listener):
-    def __init__(self, told: Callable[[], None]):
-        self._told = told
+    def __init__(self, begun: Callable[[], None]):
+        self._begun: Callable[[], None] | None = begun
 
     def on_start(self, event: object) -> None:
-        self._told()
+        begun, self._begun = self._begun, None
+        if begun is not None:
+            begun()
 
     def on_end(self, event: object) -> None:
         pass
@@ -84,7 +86,7 @@ class _CompilationListener(event.Listener):
 
 @contextmanager
 def on_compilation(begun: Callable[[], None]) -> Generator[None]:
-    """Call a function each time that something is compiled, and not loaded, in the block."""
+    """Call a function when the first kernel of the block is compiled rather than loaded."""
     listener = _CompilationListener(begun)
     event.register("numba:compile", listener)
     try:

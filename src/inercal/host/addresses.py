@@ -43,7 +43,7 @@ _PMAC_PORT = 1025
 
 
 class DeviceAddresses(NamedTuple):
-    """Where the devices are; `clock` is that of a simulated bench, empty on iron."""
+    """Addresses of the devices; `clock` is that of a simulated bench, empty on real hardware."""
 
     table: str
     imu: str
@@ -85,7 +85,7 @@ def allows_second_connection(address: str) -> bool:
 
 
 def table_places(address: str) -> tuple[str, ...]:
-    """Return where the address of a table leads, however it is written.
+    """Return the device that a table's address leads to, however the address is written.
 
     Two addresses lead to one controller where they have a place in common: a name and its number,
     a port that is left out, the several names of this machine, links to a serial port. Which axes
@@ -109,7 +109,7 @@ def table_places(address: str) -> tuple[str, ...]:
 
 
 def _resolve(host: str) -> tuple[str, ...]:
-    """Return the numbers of a host, in order, or its name where none are known."""
+    """Return the numeric addresses of a host, sorted, or its name if none are known."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
@@ -158,7 +158,7 @@ def open_imu(
 
 
 def layout_of_address(address: str) -> PacketLayout:
-    """Return what the packets are that `preset` or `layout` of an IMU's address names.
+    """Return the packet layout that `preset` or `layout` in an IMU's address names.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def link_of_address(address: str) -> str:
 
 
 class _AddressParameters:
-    """The parameters of an address, taken one by one."""
+    """The parameters of an address, read one by one."""
 
     def __init__(self, address: str):
         self.address = address
@@ -228,7 +228,7 @@ class _AddressParameters:
         return values if len(values) == axes else values * axes
 
     def tcp_address(self, port: int | None) -> str:
-        """Return the link's address, once all parameters are taken."""
+        """Return the address of the link, once all parameters have been read."""
         if self.values:
             raise InputError(
                 f"unknown parameter {next(iter(self.values))!r} in {self.address!r}; "

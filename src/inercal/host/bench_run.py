@@ -1,4 +1,4 @@
-"""A run on a bench, from the first command to the table at rest: the loop that all else serves.
+"""A run on a bench, from the first command until the table is at rest: the main loop.
 
 Every 20 ms of the bench's time, every 80 ms while the table holds its place::
 
@@ -172,29 +172,29 @@ class BenchRun:
 
     @property
     def state(self) -> TableState | None:
-        """The table's, as last read."""
+        """The last state of the table that was read."""
         return self._table_driver.state
 
     @property
     def speed(self) -> float:
-        """Seconds of the bench in one of the wall's, so far."""
+        """Mean speed so far: bench time divided by wall-clock time."""
         wall, bench = self._speed_reference
         now = monotonic() if self._end_time is None else self._end_time
         return (self.time - bench) / max(now - wall, 1e-9)
 
     @property
     def pause_reason(self) -> str:
-        """Why the run pauses; empty where it does not."""
+        """Why the run is paused; empty if it is not."""
         return self._interruptions.pause_reason
 
     @property
     def trouble(self) -> str:
-        """Why the run was interrupted; empty where it was not."""
+        """Why the run was interrupted; empty if it was not."""
         return self._interruptions.trouble
 
     @property
     def needs_new_run(self) -> bool:
-        """Resuming is of no use: the clocks of the devices can no longer be matched."""
+        """Whether resuming is pointless: the clocks of the devices can no longer be matched."""
         return self._clocks_lost or self.recorder.assembly.imu.mismatch is not None
 
     @property
@@ -208,7 +208,7 @@ class BenchRun:
         return any(isinstance(task, SpinTask) for task in self.tasks)
 
     def call_before_request(self, drop: Callable[[], object]) -> None:
-        """Have a function called in the run's thread before each request for a mounting."""
+        """Register a function to call in the run's thread before each request for a mounting."""
         if self._mounting:
             self._mounting.before_request = drop
 
@@ -218,11 +218,11 @@ class BenchRun:
             self._mounting.confirm(number, mounting, by)
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
-        """Ask for something, from whichever thread; it is done within a tick."""
+        """Request a command from any thread; it is carried out within a tick."""
         self._interruptions.request(what)
 
     def execute_plan(self) -> bool:
-        """Go through the plan; True when all is done, False when it was interrupted.
+        """Run the plan; return True if it was completed, False if it was interrupted.
 
         The table is at rest then, or `trouble` says why that is not known.
         """
@@ -255,7 +255,7 @@ class BenchRun:
         return done
 
     def _tick(self) -> None:
-        """See what the last tick brought, let the bench go on, and do what is to be done of it.
+        """Process the results of the last tick, let the bench advance, and act on them.
 
         Between `end` and `begin` a simulated bench stands still: commands reach it there, one tick
         after the state that they are for.
@@ -292,14 +292,14 @@ class BenchRun:
             self._show_state()
 
     def _show_state(self) -> None:
-        """Show the run to who looks on."""
+        """Show the run to its viewers."""
         try:
             self._show(self)
         except OSError:  # nobody looks any more, and the run goes on
             self._show = _show_nothing
 
     def _read(self) -> tuple[float, TableState] | None:
-        """Return when the table was read, and its state; None where that failed."""
+        """Return when the table was read, and its state; None if the read failed."""
         try:
             return self._table_driver.read()
         except LinkLost as error:
@@ -307,7 +307,7 @@ class BenchRun:
             return None
 
     def _is_plausible(self, state: TableState) -> bool:
-        """Tell whether a reading may be a motion of the table; end the run where many are not.
+        """Return whether a reading is plausible; end the run if too many are not.
 
         One that is not is in the log, and leads to nothing.
         """
@@ -318,7 +318,7 @@ class BenchRun:
         return False
 
     def _advance_sequencer(self, state: TableState) -> None:
-        """Show the sequencer a state of the table, and do what it says."""
+        """Pass a table state to the sequencer and carry out its commands."""
         if self.sequencer.is_over or self._before_start:
             return
         words = self._interlocks.check(state, self.time, temperature=self.recorder.temperature)
@@ -336,7 +336,7 @@ class BenchRun:
         self._record_sections()
 
     def _send_commands(self) -> None:
-        """Tell the table what the sequencer has said; it may be paused since."""
+        """Send the sequencer's commands to the table; it may have been paused since."""
         commands, self._commands = self._commands, []
         if commands:
             self._interruptions.check_guard()  # while it stops the table nothing is commanded
@@ -346,7 +346,7 @@ class BenchRun:
             self._interruptions.handle_table_error(error)
 
     def _record_sections(self) -> None:
-        """Keep what began and ended."""
+        """Record which sections began and ended."""
         result = self.sequencer.sections
         for one in result:
             self.recorder.record_section(self.time, one, holds=not self.tasks[one.number].rate)
@@ -355,7 +355,7 @@ class BenchRun:
         result.clear()
 
     def _stop(self, how: Callable[[float], list[Command]], cause: str, lasted: float) -> None:
-        """Pause or abort, `how` the sequencer does, for a cause that has lasted for some s."""
+        """Pause or abort by `how`, for a cause that has lasted for some seconds."""
         self._table_driver.stop(how(self.time if self.state is None else self.state.time))
         self._plausibility.expect_stop()
         self.recorder.record_interruption(self.time, cause, lasted)
@@ -365,14 +365,14 @@ class BenchRun:
         self.recorder.record_interruption(self.time, None)
 
     def _wait_for_rest(self) -> None:
-        """See the table come to rest; where it does not, or is gone, the watchdog has it."""
+        """Wait until the table is at rest; if it is not, or is gone, leave it to the watchdog."""
         slowest = max(one.rate / one.acceleration for one in self._bench.axis_motion_limits)
         until, after = self.time + slowest + _GRACE, self.time + _RECORDING_TAIL
         while self.time < until and not (self._table_driver.at_rest and self.time > after):
             self._tick()
 
     def _wait_for_dates(self) -> None:
-        """See that the IMU's packets can be dated; end the run where they cannot."""
+        """Check that the IMU's packets can be dated; end the run if they cannot."""
         self._process_pending()
         until = self.time + _DATING_TIMEOUT
         while self.recorder.assembly.imu.waits_for_dates and self.time < until:
@@ -382,7 +382,7 @@ class BenchRun:
             self._interruptions.end(words)
 
     def _check_rest_with_gyros(self) -> None:
-        """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
+        """Check with the gyros that the table rests: the encoder may be frozen."""
         self._process_pending()
         until = self.time + _GRACE
         while self._interlocks.rate_difference and self.time < until:
@@ -396,7 +396,7 @@ class BenchRun:
             )
 
     def _process_pending(self) -> None:
-        """Have what came worked through, and see that gyros and table agree."""
+        """Process what arrived, and check that gyros and table agree."""
         try:
             block = self.recorder.process_pending(self.time)
         except InputError as error:
@@ -442,13 +442,13 @@ class BenchRun:
         return SimulatedClock(addresses.clock, self._options.speed), checks
 
     def _begin_checks(self) -> None:
-        """Have the interlocks run in time from now on."""
+        """Require the interlocks to run on schedule from now on."""
         self._last_checks.record("table", self.time)
         if self.recorder.assembly.is_recording:
             self._last_checks.record("gyros", self.time)
 
     def _update_last_checks(self) -> None:
-        """Find an interlock that has not run in time; before and after the plan nothing drives."""
+        """Return an overdue interlock; none before and after the plan, when nothing moves."""
         homed = self.state is not None and all(axis.homed for axis in self.state.axes)
         if not (homed and self.recorder.assembly.is_recording and self._interlocks.has_gyros):
             self._last_checks.pause("gyros")
@@ -482,7 +482,7 @@ class BenchRun:
 
 
 def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | SpinSequencer:
-    """Return what carries out a plan from a step on, with the sensor in a mounting."""
+    """Return the sequencer that runs a plan from a given step, with the sensor as mounted."""
     limits, names = plan.bench.axis_motion_limits, plan.bench.names
     if plan.spins:
         spins = [task for task in plan.tasks if isinstance(task, SpinTask)]

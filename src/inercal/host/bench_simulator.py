@@ -1,27 +1,29 @@
-"""A simulated bench for a host: table and IMU as processes of their own, at real connections."""
+"""A simulated bench for a host: table and IMU as separate processes with real connections."""
 
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
 from inercal.basics.errors import InputError
+from inercal.estimation.kernel_options import on_compilation
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.closeable import Closeable
 from inercal.host.packets import read_layout
 from inercal.host.precompilation import precompile_run
 from inercal.host.sim import motion_link
 from inercal.host.sim.bench_simulator import COUNTS_PER_TURN
+from inercal.host.sim.mimu import COMPILING
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import Run, read
 
-STARTUP_MESSAGE = (
-    "starting a simulated bench; the first time on a machine all is compiled, about a minute"
+STARTUP_MESSAGE = "starting the simulated bench"
+COMPILATION_MESSAGE = (
+    "compiling the numerical code for this machine; this takes about a minute, the first time only"
 )
 _EXIT_TIMEOUT = 10.0  # s of the wall in which a process ends by itself
 
@@ -46,7 +48,9 @@ class BenchSimulator(Closeable):
     terminal : bool
         The IMU is at a pseudo-terminal; else at TCP.
     background_work : callable, optional
-        Done while the processes start, which takes as long where they compile.
+        Done while the processes start, which takes as long if they compile.
+    compiling : callable, optional
+        Called when kernels of the simulation are compiled instead of loaded.
 
     Attributes
     ----------
@@ -72,8 +76,11 @@ class BenchSimulator(Closeable):
         pace: float | Literal["granted"] = "granted",
         terminal: bool = True,
         background_work: Callable[[], None] | None = None,
+        compiling: Callable[[], None] = lambda: None,
     ):
-        self._drawn_errors = draw_errors(read(run), seed)
+        self._compiling = compiling
+        with on_compilation(compiling):
+            self._drawn_errors = draw_errors(read(run), seed)
         self._processes: dict[str, subprocess.Popen[str]] = {}
         # A process that was killed leaves something behind.
         self._folder = TemporaryDirectory(prefix="inercal-", ignore_cleanup_errors=True)
@@ -84,7 +91,7 @@ class BenchSimulator(Closeable):
             folder = Path(self._folder.name)
             sends = ["--preset", preset, *rate, *place, "--folder", str(folder)]
             moves = ["--pace", str(pace), "--motion", f"unix:{folder / motion_link.SOCKET_NAME}"]
-            self._start("imu", "mimu", *common, *sends)
+            self._start("imu", "mimu", *common, *sends, "--announce-compilation")
             self._start("table", "bench_simulator", *common, *moves)
             if background_work:
                 background_work()
@@ -107,7 +114,7 @@ class BenchSimulator(Closeable):
         self.addresses = DeviceAddresses(self.table, self.imu, self.clock or "")
 
     def inject_fault(self, which: Literal["table", "imu"], words: str) -> None:
-        """Tell a process a fault; see `sim.server.execute_commands` and `sim.mimu`.
+        """Inject a fault into a process; see `sim.server.execute_commands` and `sim.mimu`.
 
         Raises
         ------
@@ -176,10 +183,13 @@ class BenchSimulator(Closeable):
         )
 
     def _address(self, which: str) -> list[str]:
-        """Return the words behind `at` in the first line that a process says."""
+        """Return the words after `at` in the line in which a process states its address."""
         told = self._processes[which].stdout
         assert told
         said = told.readline().strip()
+        if said == COMPILING:
+            self._compiling()
+            said = told.readline().strip()
         if not said.startswith("at "):
             raise InputError(
                 said.removeprefix("no: ")
@@ -189,22 +199,29 @@ class BenchSimulator(Closeable):
         return said.split()[1:]
 
 
-def start_bench_simulator(run: Run, seed: int, preset: str) -> BenchSimulator:
-    """Start a bench whose time is granted, and compile meanwhile what its host needs.
+def start_bench_simulator(
+    run: Run, seed: int, preset: str, compiling: Callable[[], None] = lambda: None
+) -> BenchSimulator:
+    """Start a bench whose time is granted, and meanwhile compile what its host needs.
 
     Parameters
     ----------
     run : Run
-    seed, preset
-        As of `BenchSimulator`.
+    seed, preset, compiling
+        As of `BenchSimulator`; `compiling` is also called when this process compiles.
 
     Raises
     ------
     InputError
         As `BenchSimulator`.
     """
-    compiling = partial(precompile_run, run, read_layout(preset))
-    return BenchSimulator(run.path, seed, preset, background_work=compiling)
+    layout = read_layout(preset)
+
+    def compile_host() -> None:
+        with on_compilation(compiling):
+            precompile_run(run, layout)
+
+    return BenchSimulator(run.path, seed, preset, background_work=compile_host, compiling=compiling)
 
 
 def _set_processors(process: int, on: set[int]) -> None:

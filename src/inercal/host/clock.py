@@ -42,14 +42,14 @@ class Tick(NamedTuple):
 
 
 class HostUptime(NamedTuple):
-    """How long the host has been up since a boot, s, suspended time included."""
+    """Time since the host booted, s, including suspended time."""
 
     boot: str
     seconds: float
 
 
 def read_host_uptime() -> HostUptime | None:
-    """Return how long this host has been up; None where the system does not tell.
+    """Return how long this host has been up; None if the system does not tell.
 
     Every process of a boot reads the same, so that it measures how long a run was without a host.
     """
@@ -61,7 +61,7 @@ def read_host_uptime() -> HostUptime | None:
 
 
 class MonotonicClock:
-    """The host's monotonic clock, on a bench whose time nobody grants.
+    """The host's monotonic clock, for a bench in real time.
 
     Parameters
     ----------
@@ -78,11 +78,11 @@ class MonotonicClock:
         return monotonic() + self._offset
 
     def begin(self, until: float) -> None:
-        """Let the bench go on to `until`; return at once."""
+        """Let the bench advance to `until`; return at once."""
         self._until = until
 
     def end(self) -> Tick:
-        """Return when the time has come that `begin` named."""
+        """Return once the time given to `begin` is reached."""
         while (left := self._until - self.now()) > 0:
             sleep(left)
         now = self.now()
@@ -92,7 +92,7 @@ class MonotonicClock:
         """Tell a simulated bench how its operator has mounted the sensor; here somebody has."""
 
     def close(self) -> None:
-        """Let go of the bench."""
+        """Release the bench."""
 
 
 class SimulatedClock:

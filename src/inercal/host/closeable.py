@@ -7,7 +7,7 @@ class Closeable:
     """A context manager that calls `close` at the end of its context."""
 
     def close(self) -> None:
-        """Let go of what is open."""
+        """Close what is open."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

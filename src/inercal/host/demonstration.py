@@ -35,7 +35,7 @@ RUN_FILE, _PATH = "mimu.toml", "path.csv"
 
 @dataclass(frozen=True, eq=False)
 class DemonstrationResult:
-    """What came of it.
+    """The result of the demonstration.
 
     Parameters
     ----------
@@ -65,19 +65,22 @@ def demo(
     *,
     quick: bool = False,
     show: Callable[[BenchRun], None] = lambda run: None,
+    compiling: Callable[[], None] = lambda: None,
 ) -> DemonstrationResult:
     """Run the plan on a simulated bench, calibrate live and from the recording, compare, report.
 
     Parameters
     ----------
     folder : path
-        Made if need be; holds the run's files afterwards.
+        Created if needed; contains the files of the run afterwards.
     seed : int
-        Of the sensor's noise and of what is imperfect of the bench.
+        Of the sensor's noise and of the imperfections of the bench.
     quick : bool
         A path of five minutes instead of 24.
     show : callable
         Called with the run while it is active.
+    compiling : callable
+        Called when kernels are compiled instead of loaded.
 
     Raises
     ------
@@ -90,7 +93,7 @@ def demo(
     prepare_folder(folder)
     with TemporaryDirectory() as plans:
         run = _write_run_file(Path(plans), quick=quick)
-        with start_bench_simulator(run, seed, _PACKETS) as bench:
+        with start_bench_simulator(run, seed, _PACKETS, compiling) as bench:
             # The bench's processes have read the run file; from here on its copy counts.
             result, journal = create_run(folder, run, bench.addresses)
             with journal, result.removed_on_failure():

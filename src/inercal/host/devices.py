@@ -1,4 +1,4 @@
-"""What is connected: ports, what an IMU sends, how a table's controller is set; in words, too."""
+"""Detects what is connected: ports, IMU packets, settings of a table's controller."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
@@ -28,7 +28,7 @@ _MIN_DECODED_FRACTION = 0.5  # of the bytes: below it what fits is chance
 
 @dataclass(frozen=True)
 class SerialPort:
-    """A serial port: its address, and what the system says is there."""
+    """A serial port: its address and the system's description."""
 
     address: str
     description: str
@@ -36,7 +36,7 @@ class SerialPort:
 
 @dataclass(frozen=True)
 class PacketDecoding:
-    """A way in which what an IMU sends can be read.
+    """A packet format that fits what an IMU sends.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class PacketDecoding:
 
 @dataclass(frozen=True)
 class ImuConnection:
-    """What came from an IMU: bytes, s of listening, ways to read them, the best first."""
+    """The bytes from an IMU, how long they took, and the packet formats that fit, best first."""
 
     address: str
     size: int
@@ -67,7 +67,7 @@ class ImuConnection:
 
 @dataclass(frozen=True)
 class TableConnection:
-    """How a table's controller is set, and where the table is."""
+    """The settings of a table's controller, and the position of the table."""
 
     address: str
     identity: str
@@ -128,7 +128,7 @@ def probe_imu(address: str, seconds: float = _LISTEN_TIME) -> ImuConnection:
 def probe_table(
     address: str, bench: ControlledBench | None = None, timeout: float = 1.0
 ) -> TableConnection:
-    """Return what a table says of itself; moves nothing.
+    """Return the settings and the state of a table without moving it.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def probe_table(
 
 
 def _try_layout(layout: PacketLayout, came: bytes, seconds: float) -> PacketDecoding | None:
-    """Return how a layout reads what came; None where it does not."""
+    """Return how a layout reads the bytes; None if it does not fit."""
     decoder = Decoder(layout, mid_stream=True)
     packets = decoder.feed(came)
     counts = decoder.counts
@@ -195,7 +195,7 @@ def imu_lines(imu: ImuConnection) -> list[str]:
 def table_lines(table: TableConnection) -> list[str]:
     """Return lines about a table."""
     state = table.state
-    lines = [f"{table.address}: {table.identity or 'does not say what it is'}"]
+    lines = [f"{table.address}: {table.identity or 'does not identify itself'}"]
     for name, limit, axis in zip(table.axes, table.limits, state.axes, strict=True):
         soft = (
             f"soft limits {degrees(limit.low):.6g} to {degrees(limit.high):.6g} °"
@@ -211,5 +211,5 @@ def table_lines(table: TableConnection) -> list[str]:
             + (f"; {', '.join(axis.faults)}" if axis.faults else "")
         )
     if isfinite(table.wrap_period):
-        lines.append(f"  its clock begins again after {table.wrap_period:.0f} s")
+        lines.append(f"  its clock restarts after {table.wrap_period:.0f} s")
     return lines

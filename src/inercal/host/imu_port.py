@@ -1,4 +1,4 @@
-"""The IMU's bytes as they come, with the time of their coming, read by a thread of their own.
+"""Reads the IMU's bytes in a separate thread, with the time at which they arrive.
 
 A port holds 4 kB, at 921600 baud 45 ms: whatever the host does meanwhile, they are taken off it.
 Their times serve to tie the IMU's clock to the table's at the start of a run, and nothing else.
@@ -26,7 +26,7 @@ _MAX_STALE_BYTES = 1 << 20  # bytes; a link that gives as many at once gives wit
 
 
 class ImuPort(Closeable):
-    """What comes over `link`.
+    """The bytes that arrive over `link`.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class ImuPort(Closeable):
     def take(
         self, total_bytes: int | None = None, timeout: float = 1.0
     ) -> list[tuple[float, bytes]]:
-        """Return what came, with the time at which each piece did.
+        """Return what arrived, with the time of arrival of each piece.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class ImuPort(Closeable):
             return pieces
 
     def close(self) -> None:
-        """Stop reading, and close the link; a second time does nothing."""
+        """Stop reading, and close the link; a second call does nothing."""
         self._closed = True
         if self._thread is not None:
             self._thread.join()
@@ -147,7 +147,7 @@ class ImuPort(Closeable):
         return pieces
 
     def _read_now(self, total_bytes: int | None, timeout: float) -> None:
-        """Read what there is, or up to so many bytes in all."""
+        """Read what is available, up to a number of bytes."""
         end = monotonic() + timeout
         if total_bytes is not None and self.received_bytes >= total_bytes:
             total_bytes = (
@@ -206,7 +206,7 @@ _REOPEN_TIMEOUT = 0.5
 
 
 class ReceivedBytes(NamedTuple):
-    """What a tick brought.
+    """What arrived in a tick.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ class ImuReceiver:
         self.trouble_since = tick.time
 
     def take(self, tick: Tick) -> ReceivedBytes:
-        """Return the bytes that came by the tick: of a bench that counts them, to the last one."""
+        """Return the bytes that arrived by the tick; all of them, if the bench counts its bytes."""
         if tick.time - self._last_take_time > _SILENCE_LIMIT:
             # The host itself stood still: whether the IMU was silent meanwhile nobody knows.
             self._last_bytes_time = max(self._last_bytes_time, tick.time)
@@ -280,7 +280,7 @@ class ImuReceiver:
 
     @property
     def is_receiving(self) -> bool:
-        """Bytes come, whatever is in them."""
+        """Whether bytes arrive, whatever they contain."""
         return self._port is not None and self.trouble is None
 
     def close(self) -> None:
@@ -289,7 +289,7 @@ class ImuReceiver:
             self._port.close()
 
     def _try_to_reopen(self, tick: Tick) -> bool:
-        """Try to open the port; True where that was possible."""
+        """Try to open the port; return whether it worked."""
         if monotonic() - self._last_attempt_time < _RETRY_INTERVAL:
             return False
         try:
@@ -304,7 +304,7 @@ class ImuReceiver:
         return True
 
     def _update_trouble(self, now: float, some: bool) -> None:
-        """Say whether bytes come as they should."""
+        """Report whether bytes arrive as expected."""
         if now - self._last_bytes_time > _SILENCE_LIMIT and not some:
             self.set_trouble(f"the IMU has been silent for {_SILENCE_LIMIT:g} s", now)
         if some:
@@ -315,7 +315,7 @@ class ImuReceiver:
                 self.trouble = None
 
     def set_trouble(self, words: str, now: float) -> None:
-        """State what is wrong, while it lasts: trouble ends 1 s after it was stated last."""
+        """Report a problem while it lasts: it counts as over 1 s after the last report."""
         self._steady_since = now
         if self.trouble is None:
             self.trouble, self.trouble_since = words, now

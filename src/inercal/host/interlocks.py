@@ -80,7 +80,7 @@ class LastChecks:
         self._last: dict[str, float] = {}
 
     def record(self, which: Interlock, time: float) -> None:
-        """Note that an interlock has run; it must run again in time from now on."""
+        """Record that an interlock has run; it must run again on schedule from now on."""
         self._last[which] = time
 
     def pause(self, which: Interlock) -> None:
@@ -244,7 +244,7 @@ class Interlocks:
     def _describe_difference(
         self, bench: Turntable, angles: Array, turned: Array, left: Array
     ) -> str:
-        """Name the axis that explains what is left between gyros and readback, (n, g)."""
+        """Name the axis that explains the difference between gyros and readback, (n, g)."""
         zero = np.zeros_like(angles)
         earth = motion(bench, angles, zero, zero, {}).w
         total = float(np.sum(left**2))
@@ -275,7 +275,7 @@ class Interlocks:
         )
 
     def _persists(self, what: str, wrong: bool, now: float, most: float = 0.0) -> bool:
-        """Tell whether something has been wrong for longer than `most` s."""
+        """Return whether something has been wrong for longer than `most` s."""
         if not wrong:
             self._since.pop(what, None)
             return False
@@ -301,7 +301,7 @@ class ReadbackWarnings:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew, as the recording does."""
+        """Start again, as the recording does."""
         bench = self._bench
         self._comparison = (
             GyroComparison(bench, self._sensor, bench.latency.value)

@@ -19,7 +19,7 @@ _PauseCause = Literal["operator", "host", "watchdog", "IMU", "interlocks"]
 
 
 class TroubleSource(Protocol):
-    """What may be in trouble for a while: the IMU, or the interlocks."""
+    """A source of temporary trouble: the IMU, or the interlocks."""
 
     trouble: str | None
     trouble_since: float
@@ -64,17 +64,17 @@ class Interruptions:
 
     @property
     def pause_reason(self) -> str:
-        """Why the run pauses; empty where it does not."""
+        """Why the run is paused; empty if it is not."""
         return "; ".join(self._pauses.values())
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
-        """Ask for something, from whichever thread; `look` does it."""
+        """Request a command from any thread; `look` carries it out."""
         self._requests.put(what)
 
     def update(
         self, time: float, imu: TroubleSource, interlocks: TroubleSource, patience: float
     ) -> None:
-        """Look at requests, watchdog, IMU and interlocks: the run pauses, goes on or ends.
+        """Check requests, watchdog, IMU and interlocks; pause, continue or end the run.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class Interruptions:
             self._go_on()
 
     def follow_host(self, late: float) -> None:
-        """Pause where the host itself stood still, until its next tick: nothing was checked.
+        """Pause until the next tick if the host itself stood still: nothing was checked.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class Interruptions:
             self._pauses.pop("host", None)
 
     def check_guard(self) -> None:
-        """Hear what the watchdog says, and that it is there."""
+        """Read the watchdog's messages, and check that it is alive."""
         self._guard_check_time = monotonic()
         if self._guard.signal_received:
             self.end("stopped by the operator")
@@ -141,7 +141,7 @@ class Interruptions:
             self.end(str(error))
 
     def end(self, words: str) -> None:
-        """Abort the run; why is said once, and the first reason is the run's trouble."""
+        """Abort the run; the reason is reported once, and the first reason is kept."""
         self.trouble = self.trouble or words
         try:
             # Before anything is said: a journal may have to be waited for, or be what has failed.
@@ -154,18 +154,18 @@ class Interruptions:
                 self._say("alarm", words)
 
     def add(self, words: str) -> None:
-        """Say what came to be known after the end, and add it to the run's trouble."""
+        """Report what became known after the end, and add it to the run's trouble."""
         self.trouble = f"{self.trouble}; {words}" if self.trouble else words
         self._say("alarm", words)
 
     def _follow_trouble(
         self, why: _PauseCause, source: TroubleSource, time: float, patience: float
     ) -> None:
-        """Pause while something is in trouble, and end where that lasts too long."""
+        """Pause while there is trouble, and end the run if it lasts too long."""
         if source.trouble is None:
             self._pauses.pop(why, None)
         elif time - source.trouble_since > patience:
-            self.end(f"{source.trouble}, and not back within {patience:g} s")
+            self.end(f"{source.trouble}, and it did not come back within {patience:g} s")
         else:
             self._pause(why, source.trouble)
 
@@ -174,4 +174,4 @@ class Interruptions:
             return
         self._pauses[why] = words
         self._stop(self._sequencer.pause, words, lasted)
-        self._say("warning", f"{words}; the table stops, the step in hand will be repeated")
+        self._say("warning", f"{words}; the table stops, and the current step will be repeated")

@@ -36,7 +36,7 @@ CREATE TABLE file (name TEXT PRIMARY KEY, size INTEGER NOT NULL, sha256 TEXT NOT
 
 
 class JournalHeader(NamedTuple):
-    """What a journal is of.
+    """The header of a journal.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class JournalHeader(NamedTuple):
 
 
 class JournalEvent(NamedTuple):
-    """Something that an operator should know.
+    """An event that an operator should know about.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class Journal(Closeable):
         poll: float,
         steps: int,
     ) -> Self:
-        """Make a journal and open it; a host killed meanwhile leaves a whole one or none.
+        """Create a journal and open it; a host killed meanwhile leaves a complete one or none.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class Journal(Closeable):
         return cls(path)
 
     def header(self) -> JournalHeader:
-        """Return what the journal is of."""
+        """Return the header."""
         row, *_ = self._rows("SELECT * FROM run") or [None]
         if row is None:
             raise InputError(
@@ -173,17 +173,17 @@ class Journal(Closeable):
         return JournalHeader(*row)
 
     def set_addresses(self, addresses: tuple[str, str, str]) -> None:
-        """Keep where table, IMU and clock are from now on."""
+        """Record the current addresses of table, IMU and clock."""
         self._execute(
             "UPDATE run SET table_address = ?, imu_address = ?, clock_address = ?", *addresses
         )
 
     def set_state(self, state: str) -> None:
-        """Say how far the run is: a `state` of `JournalHeader`."""
+        """Record the progress of the run: a `state` of `JournalHeader`."""
         self._execute("UPDATE run SET state = ?", state)
 
     def record_section(self, step: int, label: str, what: str, time: float) -> None:
-        """Keep that a section began, was done or is void, at a time of the table, s."""
+        """Record that a section began, was completed or is void, at a table time, s."""
         self._execute(
             "INSERT INTO section (step, label, what, time) VALUES (?, ?, ?, ?)",
             step, label, what, time,
@@ -195,7 +195,7 @@ class Journal(Closeable):
         return following or 0
 
     def record_mounting(self, step: int, mounting: str, time: float) -> None:
-        """Keep that an operator has confirmed a mounting before a step, at a time of the table."""
+        """Record that an operator has confirmed a mounting before a step, at a table time."""
         self.record_section(step, mounting, _MOUNTED, time)
 
     def mounting(self) -> str:
@@ -206,21 +206,21 @@ class Journal(Closeable):
         return found[0][0] if found else ""
 
     def record_event(self, level: str, words: str, time: float | None = None) -> None:
-        """Keep an event: a level and words as of `JournalEvent`, s of the run."""
+        """Record an event: level and words as of `JournalEvent`, s of the run."""
         self._execute(
             "INSERT INTO event (at, time, level, words) VALUES (?, ?, ?, ?)",
             _now(), time, level, words,
         )  # fmt: skip
 
     def events(self, after: int = 0) -> tuple[JournalEvent, ...]:
-        """Return the events that follow so many, the first first."""
+        """Return the events after the first `after`, oldest first."""
         rows = self._rows(
             "SELECT at, time, level, words FROM event WHERE id > ? ORDER BY id", after
         )
         return tuple(JournalEvent(*row) for row in rows)
 
     def record_file(self, name: str, size: int, sha256: str) -> None:
-        """Keep the size and the SHA-256 of a file that the run left."""
+        """Record the size and the SHA-256 of a file of the run."""
         self._execute("INSERT OR REPLACE INTO file VALUES (?, ?, ?)", name, size, sha256)
 
     def files(self) -> dict[str, tuple[int, str]]:
@@ -257,7 +257,7 @@ def _open_database(path: Path) -> sqlite3.Connection:
 
 
 def _open_to_read(path: Path) -> sqlite3.Connection:
-    """Return a connection that leaves no file beside the journal.
+    """Return a connection that leaves no extra file next to the journal.
 
     A program that has the journal open, or was killed, leaves a write-ahead log beside it. Then a
     copy of both is read.
@@ -295,7 +295,7 @@ def _require_version(path: Path, db: sqlite3.Connection) -> None:
 
 @contextmanager
 def _sqlite_errors_as_input_errors(path: Path) -> Generator[None]:
-    """Turn what SQLite says into one line with the file's name."""
+    """Turn an SQLite error into one line with the name of the file."""
     try:
         yield
     except sqlite3.Error as error:

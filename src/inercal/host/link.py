@@ -28,7 +28,7 @@ _PARITIES = {"none": "N", "even": "E", "odd": "O"}
 
 
 class LinkLost(InercalError):
-    """The other end does not answer or is closed; `names` has its address where it is known."""
+    """The other end does not answer or is closed; `names` has its address if known."""
 
 
 class Link(Protocol):
@@ -37,7 +37,7 @@ class Link(Protocol):
     address: str
 
     def read(self, most: int, timeout: float) -> bytes:
-        """Return what has come, `most` bytes at most; b"" if nothing does within `timeout` s.
+        """Return what has arrived, at most `most` bytes; b"" if nothing does within `timeout` s.
 
         Raises `LinkLost` at the end of the stream.
         """
@@ -48,7 +48,7 @@ class Link(Protocol):
         ...
 
     def close(self) -> None:
-        """Close; a second time does nothing."""
+        """Close; a second call does nothing."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -180,7 +180,7 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
 
 
 def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: int = 4096) -> bool:
-    """Hand what comes to `done` until it says so; False where `timeout` s pass before.
+    """Pass what arrives to `done` until it returns True; False if `timeout` s pass first.
 
     What has come by then counts, also where this process stood still meanwhile.
     """

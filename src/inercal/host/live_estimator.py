@@ -93,7 +93,7 @@ class LiveEstimator:
         return {part: (one.nis, one.components) for part, one in self.partial_estimates.items()}
 
     def feed(self, block: SampleBlock) -> None:
-        """Take in the samples that follow.
+        """Take in the next samples.
 
         Raises
         ------
@@ -123,7 +123,7 @@ def is_whole_imu(sensor: Sensor) -> bool:
 
 
 class NavigationSolution(NamedTuple):
-    """Where the readings say that the body is, at one sample.
+    """The attitude and velocity of the body from the readings, at one sample.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class NavigationSolution(NamedTuple):
 
 
 class Navigator:
-    """Follows the body by readings of one IMU on one table.
+    """Navigates the body by the readings of one IMU on one table.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class Navigator:
         self._time, self._last_hold = -np.inf, -1
 
     def feed(self, track: Track, values: Array) -> NavigationSolution:
-        """Return where the body is at the last of the samples that follow.
+        """Return the navigation result at the last of the next samples.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Checks before anything moves whether a method accepts what a plan leaves, a table the plan."""
+"""Checks before anything moves that the method accepts the plan's data and the table the plan."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -67,7 +67,7 @@ def check_plan(run: Run) -> tuple[str, ...]:
 def require_feasible_plan(
     tasks: Sequence[Task], limits: Sequence[AxisLimits], bench: ControlledBench
 ) -> None:
-    """Refuse a plan that the controller would refuse, and limits that nothing is held to.
+    """Refuse a plan that the controller would refuse, and limits that nothing enforces.
 
     Parameters
     ----------

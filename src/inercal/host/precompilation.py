@@ -83,7 +83,7 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
 
 
 def _compile_estimator(run: Run) -> None:
-    """Have the run's sequential estimator follow a rest, in two processes where it compiles."""
+    """Run the sequential estimator on a rest, in two processes if it must be compiled."""
     sensor = run.sensor
     if len({axis.measures for axis in sensor.axes}) > 1:
         other = _ParallelCompilation(run)
@@ -94,23 +94,16 @@ def _compile_estimator(run: Run) -> None:
 
 
 class _ParallelCompilation:
-    """Follows the accelerometers from when something here is compiled and not loaded."""
+    """Compiles the kernels of the accelerometers in a second process, once `start` is called."""
 
     def __init__(self, run: Run):
         self._run = run
         self._process: Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start, unless it has started."""
-        if self._process is None:
-            command = [
-                sys.executable,
-                "-P",
-                "-m",
-                "inercal.host.precompilation",
-                str(self._run.path),
-            ]
-            self._process = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
+        """Start the process."""
+        program = (sys.executable, "-P", "-m", "inercal.host.precompilation", str(self._run.path))
+        self._process = Popen(program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
 
     def wait(self) -> None:
         """Wait for its end: what it compiled is then loaded here."""
@@ -119,13 +112,13 @@ class _ParallelCompilation:
 
 
 def _follow_part(run: Run, kind: Measures) -> None:
-    """Follow a part of the sensor; a method that takes the sensor as a whole may refuse that."""
+    """Process a part of the sensor; a method that needs the whole sensor may refuse that."""
     with suppress(InercalError):
         _follow_rest(run, run.sensor.select_axes(kind), ())
 
 
 def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
-    """Follow a table that rests, in two pieces: an estimator begins with the first."""
+    """Process a table at rest in two pieces: an estimator starts with the first."""
     assert run.method.sequential is not None
     table = require_turntable(run)
     track = _rest_track(sensor, table)
@@ -137,7 +130,7 @@ def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
 
 
 def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
-    """Return what is assembled of a rest, in two pieces."""
+    """Return the samples assembled from a rest, in two pieces."""
     lasting = _CLOCKS_MATCHED + _REST + 3 * run.motion_control.settling(run.bench) + _SECOND_PIECE
     result, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
     tracks: list[Track] = []
@@ -151,7 +144,7 @@ def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
 
 
 def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFrame]:
-    """Return what the log has of a rest: polls and packets, and in between the first section."""
+    """Return the log frames of a rest: polls and packets, and the start of the first section."""
     assert run.rate_hz is not None
     k = len(run.motion_control.readback(run.bench))
     rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)

@@ -38,7 +38,7 @@ _IMU_LATENCY = (
 
 
 class LogEnd(NamedTuple):
-    """Where a log ends that is gone on with.
+    """The end of a log that is continued.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class LogEnd(NamedTuple):
 
 
 class RunRecorder(Closeable):
-    """The account of one run, begun or resumed; a context manager.
+    """The recorder of one run, new or resumed; a context manager.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class RunRecorder(Closeable):
         return "on" if self.live_estimator.has_estimate else "waits"
 
     def record_frame(self, kind: int, time: float, payload: bytes) -> None:
-        """Keep what came from a device, at a time of the run."""
+        """Record what arrived from a device, at a time of the run."""
         self._log.append(kind, time, payload)
         self.assembly.feed(LogFrame(kind, time, payload))
         if kind == IMU:
@@ -154,7 +154,7 @@ class RunRecorder(Closeable):
     def record_session(
         self, time: float, following: int, wraps: float, uptime: HostUptime | None = None
     ) -> None:
-        """Keep that what follows does not follow what was before.
+        """Record that the stream was interrupted: the next sample does not continue the previous.
 
         Parameters
         ----------
@@ -173,7 +173,7 @@ class RunRecorder(Closeable):
         self._event(time, {"what": "session", "next": following, **known})
 
     def record_section(self, time: float, one: SectionEvent, *, holds: bool) -> None:
-        """Keep that a section began or ended.
+        """Record that a section began or ended.
 
         The log has it at once. The journal has it when the IMU's bytes up to then are in the log: a
         host that is killed before repeats the section, whose last samples are lost.
@@ -183,7 +183,7 @@ class RunRecorder(Closeable):
         self._waiting_sections.append((time, one))
 
     def record_interruption(self, time: float, cause: str | None, lasted: float = 0.0) -> None:
-        """Keep why the table is stopped, in words, for a cause that has lasted for some s.
+        """Record why the table is stopped, for a cause that has lasted for some seconds.
 
         None: the run continues.
         """
@@ -192,13 +192,13 @@ class RunRecorder(Closeable):
     def record_message(
         self, time: float, level: Literal["info", "warning", "alarm"], words: str
     ) -> None:
-        """Keep what an operator should know."""
+        """Record what an operator should know."""
         self.events += 1
         self.recent_messages.append((level, words))
         self._journal.record_event(level, words, time)
 
     def is_processing_due(self, time: float) -> bool:
-        """Tell whether `work` is to be done; when that is changes no bit of what is found.
+        """Return whether `work` is due; when it is done does not change the results.
 
         A piece has a price of its own: a bench that is sped up has larger ones.
         """
@@ -206,7 +206,7 @@ class RunRecorder(Closeable):
         return came >= _PIECE_MIN and (passed >= _PIECE_WALL or came >= PIECE_MAX)
 
     def process_pending(self, time: float) -> SampleBlock | None:
-        """Put together what came, and estimate by it; return the samples that are new.
+        """Assemble what arrived and update the estimate; return the new samples.
 
         Raises
         ------
@@ -248,7 +248,7 @@ class RunRecorder(Closeable):
                 self.record_message(time, "warning", words)
 
     def _loss_warnings(self, time: float) -> list[str]:
-        """Return what is to be said of losses, now and then where there are more, once."""
+        """Return the messages about losses, each of them once, and again as they increase."""
         tally = self.assembly.tally
         counts, before = tally.bytes, self._losses
         left_out = tally.samples_without_angle + tally.samples_with_unusable_angle
@@ -260,19 +260,19 @@ class RunRecorder(Closeable):
         if losses[:2] != before[:2]:
             result.append(
                 f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
-                f"{counts.failed} had a wrong check"
+                f"{counts.failed} had a checksum error"
             )
         if left_out != before[2]:
             result.append(
                 f"so far {left_out} samples of {tally.samples + tally.samples_without_angle} have "
-                "no angle that could be used: the table was read too seldom while it turned, or "
-                "sought its zero"
+                "no usable angle: the table was polled too slowly while it turned, or "
+                "was homing"
             )
         if tally.implausible_polls != before[3]:
             result.append(
                 f"so far {tally.implausible_polls} readings of {tally.polls} of the table are left "
-                "out: they are no motion within its limits, such as a wrong digit, noise, an "
-                "offset that comes and goes, or a clock that jumps"
+                "out: they imply motion beyond its limits; a corrupted digit, noise, an "
+                "intermittent offset or a clock jump looks like this"
             )
         return result
 
@@ -285,7 +285,7 @@ class RunRecorder(Closeable):
         self.record_frame(EVENT, at, json.dumps(content).encode())
 
     def _replay(self, folder: RunFolder) -> LogEnd:
-        """Go through what the log holds of a run that was interrupted; what was said stays so."""
+        """Replay the log of an interrupted run; events already reported are not reported again."""
         done = latest = 0.0
         last: dict[int, LogFrame] = {}
         session: LogFrame | None = None

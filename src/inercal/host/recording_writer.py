@@ -248,7 +248,7 @@ def _recording_columns(
 
 
 def _fill_missing(values: Array) -> Array:
-    """Return values with what was there last where there is none; at the start with the first."""
+    """Fill gaps with the last value, and with the first one at the start."""
     there = np.isfinite(values)
     if not there.any():
         raise InputError(

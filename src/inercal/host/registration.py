@@ -1,4 +1,4 @@
-"""Enters the folder of a run in the register; where the two differ, the folder is right."""
+"""Enters the folder of a run in the register; if the two differ, the folder is right."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -57,14 +57,14 @@ def register_run(register: "Register", folder: str | Path) -> int:
 
 
 def _run_key(header: JournalHeader, run: Run) -> str:
-    """Return what tells a run from all others, wherever its folder lies."""
+    """Return what identifies a run, wherever its folder is."""
     return sha256(f"{header.begun}\n{header.run_file}\n{run.sha256}".encode()).hexdigest()[:32]
 
 
 def _verified_files(
     made: RunFolder, header: JournalHeader, files: dict[str, tuple[int, str]]
 ) -> dict[str, tuple[int, str]]:
-    """Return size and SHA-256 of the run's files, those of the raw data proved.
+    """Return size and SHA-256 of the run's files; those of the raw data are verified.
 
     The report and the calibration may have been made anew; the latter has a hash of its own.
     """

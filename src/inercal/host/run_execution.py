@@ -52,7 +52,7 @@ def execute_run(
     run_context: Callable[[BenchRun], AbstractContextManager[object]] = nullcontext,
     background_work: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> BenchRun:
-    """Have what is left of a plan carried out, at the addresses of its journal; return the run.
+    """Run the remaining steps of a plan at the addresses in its journal; return the run.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def execute_run(
 
 
 def _interrupted(reason: str, folder: RunFolder, run: BenchRun) -> RunInterrupted:
-    """Return what is raised of an interruption, with what can be done."""
+    """Return the exception for an interruption, which says what can be done."""
     if not folder.is_complete:
         advice = f"the folder {folder.path} or a file in it is gone, so the run cannot be resumed"
     elif run.needs_new_run:
@@ -111,7 +111,7 @@ _LARGE_DIFFERENCE = 4.0  # standard deviations of the live estimate
 
 
 class FinishedRun(NamedTuple):
-    """The outcome, and the files of the run by what they are."""
+    """The outcome, and the files of the run by kind."""
 
     outcome: Outcome
     files: dict[str, str]
@@ -124,7 +124,7 @@ def finish_run(
     load_history: "Callable[[], SensorHistory | None]" = lambda: None,
     truth: Callable[[Outcome], Mapping[str, float]] | None = None,
 ) -> FinishedRun:
-    """Write recording, calibration and report of a run that is done, and keep their digests.
+    """Write recording, calibration and report of a completed run, and record their digests.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
 
 
 def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> None:
-    """Keep the size and the digest of a file, which is read for it unless it is given."""
+    """Record the size and the digest of a file, which is computed unless given."""
     journal.record_file(path.name, path.stat().st_size, sha256 or file_sha256(path))
 
 
@@ -201,7 +201,7 @@ def _compare_live_estimate(
     found = np.array([value[names.index(name)] for name in live.names])
     known = np.isfinite(live.values)
     if not known.any() or np.array_equal(live.values[known], found[known]):
-        words = "the live estimate is that of the recording, to the last bit"
+        words = "the live estimate is identical to that of the recording"
         journal.record_event("info", words)
         return
     apart = np.abs(live.values - found)[known] / live.std[known]

@@ -1,4 +1,4 @@
-"""The folder of a run: the run file and what it names, the raw log, the journal, and what is made.
+"""The folder of a run: the run file and its files, the raw log, the journal, and the results.
 
 Files::
 
@@ -31,7 +31,7 @@ _OUTPUT_KINDS = ("calibration.json", "report.html")
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Where the files of a run lie.
+    """The files of a run.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class RunFolder:
 
     @contextmanager
     def removed_on_failure(self, *more: str) -> Generator[None]:
-        """Remove what `create_run` made, and `more` files, where the context fails before the run.
+        """Remove what `create_run` made, and `more` files, if the context fails before the run.
 
         Of devices that were not there nothing is left, and the folder's name is free again.
         """
@@ -78,7 +78,7 @@ class RunFolder:
 
     @property
     def is_complete(self) -> bool:
-        """The files by which the run is resumed are there."""
+        """Whether the files needed to resume the run exist."""
         try:
             steps = read(self.run.path).steps
         except InputError:  # a file that it names may be gone too
@@ -97,7 +97,7 @@ def create_run(
     poll: float = POLL_INTERVAL,
     content: bytes | None = None,
 ) -> tuple[RunFolder, Journal]:
-    """Make the folder of a run and its journal, before anything moves.
+    """Create the folder of a run and its journal, before anything moves.
 
     The folder has copies of the run file and of the file of its path.
 
@@ -143,7 +143,7 @@ def create_run(
 
 
 def prepare_folder(path: str | os.PathLike[str]) -> None:
-    """Make the folder of a run to come.
+    """Create the folder of a new run.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def reopen_run(
 def _require_same_kind(
     path: str | os.PathLike[str], was: JournalHeader, table: str, clock: str
 ) -> None:
-    """Refuse to resume by another kind of clock: granted by a simulated bench, or the host's."""
+    """Refuse to resume with the other kind of clock: that of a simulated bench, or the host's."""
     if was.clock and not clock and table != was.table:
         raise InputError(
             f"{path} was begun on a simulated bench: give the clock's address "

@@ -36,7 +36,7 @@ _LOCK_TIMEOUT, _LOCK_RETRY_INTERVAL = 0.5, 0.01  # s, with a file that another h
 
 
 class LogFrame(NamedTuple):
-    """One piece of what came.
+    """One piece of received data.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class RunLog(Closeable):
                 raise OSError(ENOSPC, "no space left on device")
 
     def close(self) -> None:
-        """Have the disk take everything, and close.
+        """Flush everything to the disk, and close.
 
         Raises
         ------
@@ -124,7 +124,7 @@ class RunLog(Closeable):
 
 
 def read_frames(path: str | os.PathLike[str]) -> Generator[LogFrame]:
-    """Yield the frames of a log, as far as they are sound.
+    """Yield the intact frames of a log, up to the first damaged one.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def file_sha256(path: str | os.PathLike[str]) -> str:
 
 
 def is_locked(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a host has a log, or another file that it locks, open at this moment."""
+    """Return whether a host currently has a log, or another file that it locks, open."""
     if sys.platform == "win32":
         return False
     try:
@@ -165,7 +165,7 @@ def is_locked(path: str | os.PathLike[str]) -> bool:
 def os_errors_as_input_errors(
     path: object, what: Literal["read", "written", "made"]
 ) -> Generator[None]:
-    """Say in one line of an `InputError` what cannot be read, written or made, and why."""
+    """Raise a one-line `InputError` that says what cannot be read, written or created, and why."""
     try:
         yield
     except OSError as error:
@@ -173,7 +173,7 @@ def os_errors_as_input_errors(
 
 
 def lock_file(file: int, path: Path, held: str) -> None:
-    """Lock a descriptor's file; where a system cannot, do nothing.
+    """Lock a descriptor's file; do nothing on a system that cannot.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
 
 
 def _require_checksum(length: int, checked: bytes, path: Path, at: int) -> None:
-    """Refuse bytes that are not those their check was made from."""
+    """Refuse bytes that fail their check."""
     if _CHECK.unpack_from(checked, length)[0] != crc32(checked[:length]):
         raise InputError(
             f"{path} is damaged: the frame at byte {at} does not match its checksum; restore the "

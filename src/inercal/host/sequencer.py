@@ -38,7 +38,7 @@ class Sequencer(TaskSequencer[TurnTask]):
     _target: tuple[float, ...] = ()
 
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
-        """Return what this phase begins with, and how long it may take, s."""
+        """Return the first commands of this phase, and how long it may take, s."""
         if self.phase == "enable":
             # A fault that is latched goes when the loop is closed, if its cause has gone.
             wanted = not all(axis.enabled and not axis.faults for axis in seen.axes)
@@ -100,7 +100,7 @@ class Sequencer(TaskSequencer[TurnTask]):
         self._enter_phase(following.get(self.phase, next_task))
 
     def _has_moved(self, task: TurnTask, seen: TableState) -> bool:
-        """Tell whether an axis leaves its place by this reading; by the second in a row, refuse.
+        """Return whether an axis has left its place; raise at the second such reading in a row.
 
         A panel or a hand can turn an axis whose controller says no fault; one reading alone may
         have a false digit.

@@ -398,5 +398,5 @@ class TableDriver:
             return next((f"watchdog: {line}" for line in lines if line.startswith("killed")), None)
         self._guard.release_to_guard()
         does = "keeps trying to stop it" if self._guard.alive else "is gone: cut its power"
-        words = f"rest was not seen: no reading shows the table at rest; the watchdog {does}"
+        words = f"no reading shows the table at rest; the watchdog {does}"
         return "; ".join([words, *lines[-1:]])

@@ -240,7 +240,7 @@ class TaskSequencer(ABC, Generic[T]):
 
     @abstractmethod
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
-        """Return what this phase begins with, and how long it may take, s."""
+        """Return the first commands of this phase, and how long it may take, s."""
 
     @abstractmethod
     def _is_phase_finished(self, seen: TableState) -> bool:

@@ -163,7 +163,7 @@ def test_its_result_is_that_of_its_recording(whole: Whole):
     assert made.values.tolist() == again.values.tolist()
     assert made.covariance.tolist() == again.covariance.tolist()
     words = [one["words"] for one in whole.of("event")]
-    assert "the live estimate is that of the recording, to the last bit" in words
+    assert "the live estimate is identical to that of the recording" in words
 
 
 def test_no_packet_is_lost_whatever_others_do(whole: Whole):

@@ -117,7 +117,7 @@ def test_more_viewers_than_there_may_be_are_refused_and_may_come_later(
     with pytest.raises(InvalidStatus) as refusal:
         served.page()
     assert refusal.value.response.status_code == 403
-    served.was_refused("too many look on")
+    served.was_refused("too many viewers")
     watched.until("people", viewers=VIEWERS)
     unharmed(watched)
     for page in pages:

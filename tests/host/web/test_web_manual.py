@@ -1,4 +1,4 @@
-"""A session by hand and the server: who commands, what excludes what, what stops the axes."""
+"""A manual session and the server: who commands, what excludes what, what stops the axes."""
 
 import os
 import signal
@@ -76,7 +76,7 @@ def table(run: Run) -> Iterator[WatchedTable]:
 
 
 def begin(page: Page, table: WatchedTable, name: str = "Ada") -> str:
-    """Begin a session by hand, with the servo of the inner axis on; return its name."""
+    """Begin a manual session, with the servo of the inner axis on; return its name."""
     page.operate(name)
     chosen = {"table": {"address": table.address}, "imu": IMU}
     page.say("begin manual", plan="demo", with_imu=False, **chosen)
@@ -125,7 +125,7 @@ def test_one_operates_by_hand_and_no_run_begins_meanwhile(tmp_path: Path, table:
             assert "operator" in other.until("refused")["words"], command
         for command in ("start", "begin manual", "resume"):
             page.say(command, plan="demo", sensor=None, run="x", **SIMULATED)
-            assert "by hand" in page.until("refused")["words"], command
+            assert "manual" in page.until("refused")["words"], command
         for asked in ({"what": "kill"}, {"what": "home"}, None, [1]):
             page.say("manual", ask=asked)
             page.until("refused")
@@ -137,7 +137,7 @@ def test_one_operates_by_hand_and_no_run_begins_meanwhile(tmp_path: Path, table:
         # Who gives control back stops what is jogged, and nobody jogs then.
         page.say("manual", ask={"what": "jog", "axis": "inner", "rate": 1, "press": 1})
         page.say("leave")
-        page.until("event", words="the server: halt all axes: the operator has given control back")
+        page.until("event", words="the server: halt all axes: the operator has released control")
         other.operate("Bob")
         other.say("abort")
         assert other.until("done")["state"] == "manual"
@@ -155,7 +155,7 @@ def test_no_session_by_hand_begins_during_a_run(tmp_path: Path, table: WatchedTa
         page.say("begin manual", plan="demo", table={"address": table.address}, imu=IMU)
         assert page.until("refused")["words"].startswith("another run is active")
         page.say("manual", ask={"what": "halt"})
-        assert "by hand" in page.until("refused")["words"]
+        assert "manual" in page.until("refused")["words"]
         page.say("abort")
         page.until("done")
 

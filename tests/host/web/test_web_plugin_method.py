@@ -76,7 +76,7 @@ def test_a_run_by_a_method_from_outside_ends_well(whole: Whole):
     assert done["state"] == "done", done
     assert whole.stored.method == "rest_biases"
     words = [one["words"] for one in whole.of("event")]
-    assert "the live estimate is that of the recording, to the last bit" in words
+    assert "the live estimate is identical to that of the recording" in words
     assert whole.stored.values.tolist() == whole.again.values.tolist()
     assert whole.stored.covariance.tolist() == whole.again.covariance.tolist()
 

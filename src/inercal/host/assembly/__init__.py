@@ -1,4 +1,4 @@
-"""Frames of the log put together: samples of the IMU with the table's angles at their times.
+"""Assembles the frames of the log into IMU samples with the table's angles at their times.
 
 The IMU's time is its own counter's, the table's its controller's. Both are tied to the host's clock
 by the least difference to the time of arrival in the first seconds: what is left is the bench's
@@ -44,7 +44,7 @@ _MAX_HOLD_GAP = 0.5  # s without a sample that end a hold
 
 
 class SampleBlock(NamedTuple):
-    """Samples, as a recording holds them.
+    """Samples, as a recording contains them.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class SampleBlock(NamedTuple):
 
     @property
     def estimator_track(self) -> Track:
-        """What a sequential estimator follows: without angles where none are recorded."""
+        """The track for a sequential estimator; without angles if none are recorded."""
         if self.angle_output.shape[-1]:
             return self.track
         return Track(self.time, self.reading, self.angle_output, self.hold)
@@ -99,7 +99,7 @@ class SampleBlock(NamedTuple):
 
 @dataclass(frozen=True)
 class SampleTally:
-    """What became of what came.
+    """Counts of packets and samples by outcome.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class SampleTally:
 
 
 class SampleAssembler:
-    """Puts a run's frames together.
+    """Assembles the frames of a run.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class SampleAssembler:
 
     @property
     def tally(self) -> SampleTally:
-        """What became of all that was worked through."""
+        """Counts of everything processed so far, by outcome."""
         imu, table = self.imu, self.table
         return SampleTally(
             self._count, imu.counts, replace(imu.drops), self._no_angle, self._unusable,
@@ -194,19 +194,19 @@ class SampleAssembler:
 
     @property
     def interruptions(self) -> tuple[InterruptionSpan, ...]:
-        """When the run was interrupted, s of the run, and why."""
+        """Times (s of the run) and reasons of the interruptions."""
         return tuple(replace(one) for one in self._interruptions.interruptions)
 
     @property
     def offset(self) -> float | None:
-        """The IMU's clock minus the table's, s, as arrival has it; None while it is not known."""
+        """The IMU's clock minus the table's, s, from arrival times; None while unknown."""
         if self.imu.offset is None or self.table.offset is None:
             return None
         return self.table.offset - self.imu.offset
 
     @property
     def is_recording(self) -> bool:
-        """Samples are given out: both clocks are known, and the recording has begun."""
+        """Whether samples are produced: both clocks are known, and the recording has begun."""
         return self.offset is not None and self._sections.start < np.inf
 
     @property
@@ -217,7 +217,7 @@ class SampleAssembler:
         return self._first_tick / self.imu.per_second + self.imu.offset
 
     def take_received(self) -> tuple[Array, Array] | None:
-        """Return what the IMU has sent since the last call, whether or not the table is known.
+        """Return what the IMU has sent since the last call, even if the table's angles are unknown.
 
         Returns
         -------
@@ -235,11 +235,11 @@ class SampleAssembler:
         return whole.ticks / self.imu.per_second + offset, whole.output
 
     def feed(self, frame: LogFrame) -> None:
-        """Put a frame to those to be worked through."""
+        """Add a frame to those waiting to be processed."""
         self._pending.append(frame)
 
     def take(self) -> SampleBlock | None:
-        """Return the samples that what was fed completes; None where there are none.
+        """Return the samples that the frames fed so far complete; None if there are none.
 
         Raises
         ------
@@ -261,7 +261,7 @@ class SampleAssembler:
         return self._block()
 
     def labels(self, table: Array) -> NDArray[np.str_]:
-        """Return what samples of `SampleBlock.table` are called, (n,).
+        """Return the labels of the samples of `SampleBlock.table`, (n,).
 
         "" beside sections and in void ones.
         """
@@ -331,7 +331,7 @@ class SampleAssembler:
         )
 
     def _ready_samples(self, until: float, offset: float) -> PacketSamples | None:
-        """Return the samples of before a time of the table; those behind wait on."""
+        """Return the samples before a table time; later ones keep waiting."""
         waiting, imu = self.imu.waiting, self.imu
         if not waiting:
             return None
@@ -356,7 +356,7 @@ class SampleAssembler:
 
 
 def _sort_frames(frames: list[LogFrame]) -> list[LogFrame]:
-    """Return frames by kind between events, so that many of one kind are worked through at once."""
+    """Group frames by kind between events, so that many of one kind are processed at once."""
     result: list[LogFrame] = []
     for _, group in groupby(frames, key=lambda one: one.kind == EVENT):
         result += sorted(group, key=lambda one: one.kind)

@@ -28,7 +28,7 @@ _FLAWS = {_NO_NUMBER: "no_number", _BAD_STATUS: "bad_status", _BEYOND_RANGE: "be
 
 
 class PacketSamples(NamedTuple):
-    """Good packets, later ones behind."""
+    """Good packets in order of time."""
 
     ticks: Array  # (n,), the counter or clock of the device, counted on; whole numbers are exact
     output: Array  # (n, m), in output units of the sensor's axes
@@ -41,7 +41,7 @@ class PacketSamples(NamedTuple):
 
 @dataclass
 class DroppedPackets:
-    """Packets that are no samples, by kind.
+    """Counts of packets that are not samples, by kind.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class ReceivedSamples:
 
     @property
     def counts(self) -> PacketCounts:
-        """What became of the bytes of all sessions."""
+        """Counts of the packets of all sessions, by outcome."""
         return self._before + self._decoder.counts
 
     @property
@@ -162,12 +162,12 @@ class ReceivedSamples:
 
     @property
     def waits_for_dates(self) -> bool:
-        """Packets have come that cannot be dated, or not yet."""
+        """Whether packets have arrived that cannot be dated, or cannot be dated yet."""
         return self._dating.doubt_since is not None
 
     @property
     def mismatch(self) -> str | None:
-        """Why packets that come have no date, in words; None while they have one."""
+        """Why arriving packets cannot be dated, in words; None while they can."""
         dating = self._dating
         if dating.waiting_time < _MISMATCH_TIME:
             return None
@@ -182,7 +182,7 @@ class ReceivedSamples:
         )
 
     def begin_session(self) -> None:
-        """Begin to decode anew: of what came in between nothing is known."""
+        """Restart decoding: nothing is known about what was sent in between."""
         self._before = self.counts
         zero = self._decoder.time_zero
         self._decoder = Decoder(self.layout, mid_stream=True, time_zero=zero)
@@ -195,7 +195,7 @@ class ReceivedSamples:
         self._dating.begin_session()
 
     def feed(self, frames: Sequence[LogFrame]) -> None:
-        """Take in what came in one session."""
+        """Take in what arrived in one session."""
         together: list[LogFrame] = []
         for frame in frames:
             if not frame.payload:
@@ -210,7 +210,7 @@ class ReceivedSamples:
         self._feed_together(together)
 
     def _feed_together(self, frames: Sequence[LogFrame]) -> None:
-        """Take in frames at once, or one by one where a counter does not continue."""
+        """Take in frames together, or one by one where a counter does not continue."""
         if not frames:
             return
         before = self._decoder.copy()
@@ -238,7 +238,7 @@ class ReceivedSamples:
         self.drops.undated = self._dating.dropped
 
     def _match(self, arrival: float, rows: PacketRows) -> PacketRows:
-        """Look for the least difference of the clocks, in a time without a gap or an outage.
+        """Search for the smallest clock difference in a period without a gap or an outage.
 
         Returns the packets of this time.
         """
@@ -261,7 +261,7 @@ class ReceivedSamples:
         return rows
 
     def _restart_matching(self) -> None:
-        """Look for the least difference of the clocks anew: what came before has no date."""
+        """Restart the search for the smallest clock difference: earlier packets have no date."""
         self._pending_rows, self._last = None, -inf
         self._least_difference, self._first_arrival = inf, -inf
         self.waiting.clear()
@@ -285,7 +285,7 @@ class ReceivedSamples:
         return rows if known.all() else rows.where(known)
 
     def _take(self, rows: PacketRows) -> None:
-        """Keep what is in order and good; the last packet waits for the one behind it."""
+        """Keep good packets in order; the last packet waits for the next one."""
         if self._pending_rows is not None:
             rows = self._pending_rows.join(rows)
         self._pending_rows = rows.where(slice(-1, None))
@@ -307,7 +307,7 @@ class ReceivedSamples:
             self.recent.append(good)
 
     def _in_order(self, ticks: Array) -> "NDArray[np.bool_] | slice":
-        """Return which are later than all before, the last one aside.
+        """Return which packets are later than all earlier ones, ignoring the last.
 
         One that is ahead of the next, which is later than all before it, has a false counter.
         """

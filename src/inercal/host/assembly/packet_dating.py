@@ -1,4 +1,4 @@
-"""Dates packets by their counter; arrivals only tell how often the counter has come round.
+"""Dates packets by their counter; arrivals only tell how often the counter has wrapped.
 
 Two bounds enclose the time of a packet. It follows the packet before it, which gives the smallest
 number of turns of the counter, and it was sent before it arrived. A host that was frozen reads
@@ -37,7 +37,7 @@ _MAX_WAIT = 60.0  # s of arrivals for which undated packets are kept
 
 
 class PacketRows(NamedTuple):
-    """Packets, with what is wrong with each; 0 is nothing."""
+    """Packets, with a flag for what is wrong with each; 0 means nothing."""
 
     ticks: Array  # (n,), counter or clock of the device
     output: Array
@@ -49,7 +49,7 @@ class PacketRows(NamedTuple):
         return self._make(column[rows] for column in self)
 
     def join(self, *others: "PacketRows") -> "PacketRows":
-        """Return these and the others behind them."""
+        """Return these followed by the others."""
         return self._make(map(np.concatenate, zip(self, *others, strict=True)))
 
     def later_by(self, ticks: float) -> "PacketRows":
@@ -59,7 +59,7 @@ class PacketRows(NamedTuple):
 
 @dataclass
 class _Part:
-    """Packets without a gap that wait for their date, and each arrival with its newest tick."""
+    """Gap-free packets waiting for a date, and each arrival with its newest tick."""
 
     pieces: list[PacketRows] = field(default_factory=list[PacketRows])
     arrivals: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
@@ -118,12 +118,12 @@ class PacketDating:
 
     @property
     def turn_seconds(self) -> float:
-        """Time after which the counter begins again, s."""
+        """Time after which the counter wraps, s."""
         return self._turn / self._per_second
 
     @property
     def counts_turns(self) -> bool:
-        """By its arrival a packet tells how often the counter has come round meanwhile."""
+        """Whether the arrival of a packet tells how often the counter has wrapped."""
         return self.turn_seconds / 2 > self._tolerance(self._last_arrival)
 
     def begin(self, arrival: float, difference: float, last: float) -> None:
@@ -132,34 +132,34 @@ class PacketDating:
         self._last, self._last_arrival = last, arrival
 
     def begin_session(self) -> None:
-        """Expect a counter that may have come round any number of times."""
+        """Expect that the counter may have wrapped any number of times."""
         self._drop_parts()
         self._doubts = self._after_outage = True
         self._turns = 0.0
 
     def follows_outage(self, arrival: float) -> bool:
-        """Tell whether so much time has passed since the last arrival that anything may be lost."""
+        """Return whether the last arrival is so long ago that any number of packets may be lost."""
         return arrival - self._last_arrival > self._outage
 
     def begin_arrival(self, arrival: float) -> None:
-        """Note that bytes arrive, which may not hold a whole packet yet."""
+        """Record that bytes have arrived, which may not contain a whole packet yet."""
         if self.follows_outage(arrival):
             self._doubts = self._after_outage = self._begins_part = True
 
     def needs_arrival(self, arrival: float) -> bool:
-        """Tell whether packets that arrive then are to be fed one arrival at a time.
+        """Return whether packets arriving at that time must be fed one arrival at a time.
 
         This depends on the arrivals only: however they are fed, the packets have the same dates.
         """
         return self._doubts or self.follows_outage(arrival) or self._is_sounding(arrival)
 
     def hear(self, arrival: float) -> None:
-        """Note that something has arrived."""
+        """Record an arrival."""
         self._last_arrival = arrival
 
     @property
     def waiting_time(self) -> float:
-        """Time for which packets have come without a date, s."""
+        """How long packets have been arriving without a date, s."""
         return 0.0 if self.doubt_since is None else self._last_arrival - self.doubt_since
 
     def has_gap(self, ticks: Array, last: float) -> bool:
@@ -183,7 +183,7 @@ class PacketDating:
         return dated
 
     def date(self, rows: PacketRows, arrival: float) -> list[PacketRows]:
-        """Return what can be dated, now that packets have arrived together.
+        """Return the packets that can be dated after this group of arrivals.
 
         Parameters
         ----------
@@ -206,14 +206,14 @@ class PacketDating:
         return floor(arrival) > self._last_arrival
 
     def _tolerance(self, arrival: float) -> float:
-        """Return what the arrival of a packet without a backlog may be off by, s."""
+        """Return the possible error of the arrival time of a packet without a backlog, s."""
         return _ARRIVAL_UNCERTAINTY + _DRIFT * abs(arrival - self._comparisons[-1][0])
 
     def _is_continued(self, last: float, rows: PacketRows) -> bool:
         return abs(float(rows.ticks[0]) - last) <= self._gap
 
     def _place(self, rows: PacketRows, arrival: float) -> list[PacketRows]:
-        """Put packets without a gap to a part, or date them where they continue what is dated."""
+        """Add gap-free packets to a part, or date them if they continue the dated ones."""
         parts, dated = self._parts, self._last - self._turns
         if not self._doubts and self._is_continued(dated, rows):
             return [self.date_next(rows)]
@@ -237,7 +237,7 @@ class PacketDating:
         return []
 
     def _resolve(self, arrival: float) -> list[PacketRows]:
-        """Return the packets that wait, where their dates are known now."""
+        """Return the waiting packets whose dates are now known."""
         if not self._parts:
             return []
         least = min(difference for _, difference in self._comparisons)
@@ -281,7 +281,7 @@ class PacketDating:
         return next(k for k, one in enumerate(ages) if one <= youngest)
 
     def _give_up(self, arrival: float) -> list[PacketRows]:
-        """Let go of packets that have waited too long; return nothing."""
+        """Drop packets that have waited too long; return no packets."""
         first, _ = self._parts[0].arrivals[0]
         if arrival - first > _MAX_WAIT:
             self._drop_parts()

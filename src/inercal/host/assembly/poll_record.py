@@ -30,7 +30,7 @@ _ARRIVAL_UNCERTAINTY = 0.1
 
 
 def wrap_correction(behind: float, wraps: float, outage: float) -> float:
-    """Return what to add to the clock of a table that may have begun again, s.
+    """Return what to add to a table clock that may have restarted, s.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ _AFTER = 3  # polls that are needed behind a time
 
 
 class PollHistory(NamedTuple):
-    """Polls in the order of time; the oldest are let go."""
+    """Polls in order of time; the oldest are dropped."""
 
     time: Array  # (n,) s by the table's clock, counted on
     value: Array  # (n, k) rad, NaN while a table seeks its zero; or rad/s
@@ -90,7 +90,7 @@ class PollHistory(NamedTuple):
 
 
 class PollRecord(ABC):
-    """What a table said of itself.
+    """The states that a table has reported.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class PollRecord(ABC):
 
     @property
     def implausible(self) -> int:
-        """Polls that were left out as no motion of the table."""
+        """Number of polls rejected because the table cannot move that way."""
         return self._counted.rejected
 
     @property
@@ -140,7 +140,7 @@ class PollRecord(ABC):
         return -inf if self.history is None else float(self.history.time[-1])
 
     def begin_session(self, wraps: float) -> None:
-        """Expect a clock that may have begun anew at each `wraps` s (infinite: never)."""
+        """Expect that the clock may have restarted every `wraps` s (infinite: never)."""
         self._wraps = wraps
         self._counted.restart()
         if self.offset is None:
@@ -186,7 +186,7 @@ class PollRecord(ABC):
         self.history = self.history.join(kept)
 
     def _match(self, heard: Array, time: Array) -> None:
-        """Look for the least difference of the clocks among the first polls."""
+        """Search for the smallest clock difference among the first polls."""
         if not isfinite(self._least_difference):
             self._first_arrival = float(heard[0])
         early = heard < self._first_arrival + MATCHING_TIME
@@ -197,7 +197,7 @@ class PollRecord(ABC):
             self.offset = self._least_difference
 
     def discard_old(self, before: float) -> None:
-        """Let go of polls that no time from `before` on needs."""
+        """Drop the polls that are not needed for times from `before` on."""
         if self.history is not None:
             first = int(np.searchsorted(self.history.time, before, "right")) - 3
             if first > 0:
@@ -205,17 +205,17 @@ class PollRecord(ABC):
 
     @abstractmethod
     def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
-        """Return values at times (n,), (n, k), how well they are known, and where at all.
+        """Return values at times (n,), (n, k), their uncertainty, and where they are known.
 
         The times must be before `complete_until`.
         """
 
     @abstractmethod
     def _values(self, came: StateArrays) -> Array:
-        """Return what is kept of polls, (n, k)."""
+        """Return the values kept from the polls, (n, k)."""
 
     @abstractmethod
     def _plausible(
         self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Return which polls may be motions of the table, (n,)."""
+        """Return which polls the table can have moved to, (n,)."""

@@ -30,7 +30,7 @@ _MAX_COMPARABLE_GAP = 0.5  # s between two readings that are compared
 
 
 class RatePlausibility(Plausibility[tuple[float, Array]]):
-    """Tells which readings may be motions of a table within its limits, by their rates.
+    """Decides from their rates which readings a table can have within its limits.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
 
 
 class RatePolls(PollRecord):
-    """What a table of rates said of itself; its `history` holds rates, rad/s.
+    """The states that a rate table has reported; its `history` contains rates, rad/s.
 
     Parameters
     ----------

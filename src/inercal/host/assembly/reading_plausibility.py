@@ -1,4 +1,4 @@
-"""Readings of the table that are no motion of it: a wrong digit on the way from the controller.
+"""Rejects table readings that imply impossible motion; a corrupted digit looks like this.
 
 Nothing protects the digits of a controller's reply. So each reading is compared with the last one
 that was accepted, Δt before, axis by axis. With the readback θ, the rate ω and the following error
@@ -32,7 +32,7 @@ R = TypeVar("R")  # a reading as it is compared
 
 
 class Plausibility(ABC, Generic[R]):
-    """The check of one table's readings, one after the other.
+    """Checks the readings of one table in sequence.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Plausibility(ABC, Generic[R]):
 
     @property
     def is_fault(self) -> bool:
-        """Whether so many readings in a row are implausible that the table cannot be followed."""
+        """Whether too many readings in a row are implausible to follow the table."""
         return self.in_a_row >= self.most_in_a_row
 
     @property
@@ -64,7 +64,7 @@ class Plausibility(ABC, Generic[R]):
         )
 
     def restart(self) -> None:
-        """Compare the next reading with none before: the host was away, a table may be stopping."""
+        """Do not compare the next reading with earlier ones: the host was away."""
         self._accepted = self._doubted = None
         self.in_a_row = 0
         self._stopping = True
@@ -100,7 +100,7 @@ _FEW_INTERVALS = 3.0  # times the interval before: beyond that it says nothing o
 
 @dataclass(frozen=True)
 class AxisReading:
-    """One axis in one reading, rad and rad/s; NaN is what is not stated."""
+    """One axis in one reading, rad and rad/s; NaN for what is not stated."""
 
     angle: float
     rate: float
@@ -119,7 +119,7 @@ class _Reading:
 
 
 class ReadingPlausibility(Plausibility[_Reading]):
-    """The check of one table's readings, one after the other.
+    """Checks the readings of one table in sequence.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class ReadingPlausibility(Plausibility[_Reading]):
         return self.accept(state.time, axes, settled=all(axis.settled for axis in state.axes))
 
     def accept(self, time: float, axes: Sequence[AxisReading], *, settled: bool) -> bool:
-        """Tell whether a reading is plausible after those before.
+        """Return whether a reading is plausible after the earlier ones.
 
         Parameters
         ----------

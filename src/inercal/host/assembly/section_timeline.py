@@ -1,4 +1,4 @@
-"""Sections of a run by the table's clock: where it holds, and what samples are called.
+"""Sections of a run by the table's clock: when the table holds, and the sample labels.
 
 The recording begins with the first section. Estimation begins with its rest: where that is
 interrupted before it lasted `COARSE_REST_SECONDS`, the recording begins anew with the section's
@@ -25,7 +25,7 @@ _COARSE_MARGIN = 1 + 1e-3
 
 @dataclass
 class SectionSpan:
-    """A section, or as much as there was of one.
+    """A section, complete or interrupted.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class SectionTimeline:
             self._end(time, what)
 
     def begin_session(self, next_number: int, last: float) -> None:
-        """Void what is open, by the last time before the gap, and all that is to be done again."""
+        """Void the open section at the last time before the gap, and all steps to be repeated."""
         self._end(last, "void")
         for one in self.spans:
             if one.number >= next_number:
@@ -119,7 +119,7 @@ class SectionTimeline:
             self.attempt += 1
 
     def hold_indices(self, time: Array) -> Indices:
-        """Return by which of the sections the table holds at times, (n,); −1 where by none."""
+        """Return the index of the section in which the table holds at times, (n,); −1 for none."""
         found = self._within(time)
         held = np.array([one.is_hold for one in self.spans], np.bool_)
         begun, ended = self._ends()
@@ -129,7 +129,7 @@ class SectionTimeline:
         return np.where(good, found, -1)
 
     def labels(self, time: Array) -> NDArray[np.str_]:
-        """Return what the samples of times are called, (n,); "" beside and within void sections."""
+        """Return the labels at times, (n,); "" outside sections and within void ones."""
         names = np.array([*(one.label if one.state == "done" else "" for one in self.spans), ""])
         return names[self._within(time)]
 
@@ -149,7 +149,7 @@ HOST_GONE = "the host was not running"
 
 @dataclass
 class InterruptionSpan:
-    """A time in which the table was stopped, or nobody drove it.
+    """A period in which the table was stopped or was not driven.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class InterruptionList:
         self._last = 0.0
 
     def hear(self, time: float) -> None:
-        """Note that a device has sent something, s of the run."""
+        """Record that a device has sent something, s of the run."""
         self._last = max(self._last, time)
 
     def add_event(self, time: float, event: Mapping[str, Any]) -> None:

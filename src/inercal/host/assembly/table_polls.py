@@ -43,7 +43,7 @@ _INTERPOLATION_FACTOR = 1.4
 
 
 class TablePolls(PollRecord):
-    """What a table of angles said of itself.
+    """The states that a table of angles has reported.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class TablePolls(PollRecord):
     def _plausible(
         self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Return which polls may be motions of the table, (n,)."""
+        """Return which polls the table can have moved to, (n,)."""
         columns = zip(
             time.tolist(), came.settled.tolist(), later.tolist(), values.tolist(),
             came.rate.tolist(), came.following_error.tolist(), strict=True,
@@ -82,7 +82,7 @@ class TablePolls(PollRecord):
         )
 
     def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
-        """Return angles at times (n,), (n, k) rad, how well they are known, and where at all.
+        """Return angles at times (n,), (n, k) rad, their uncertainty, and where they are known.
 
         The times must be before `complete_until`.
         """
@@ -112,7 +112,7 @@ def _interpolate_angles(
     sd: Array,
     there: NDArray[np.bool_],
 ) -> None:
-    """Write angles at ascending times, how well they are known, and whether they are at all."""
+    """Write angles at ascending times, their uncertainty, and whether they are known."""
     weight, other = np.zeros(4), np.zeros(4)
     a = 0
     for i in range(time.size):
@@ -168,7 +168,7 @@ def _interpolate_angles(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _stood(x: Array, y: Array, settled: NDArray[np.bool_], same: float, a: int) -> bool:
-    """Tell whether the table is taken to stand between poll a and the next."""
+    """Return whether the table is assumed to stand between poll a and the next."""
     if a < 0 or x[a + 1] - x[a] > MAX_UNREAD or not (settled[a] and settled[a + 1]):
         return False
     stands = True

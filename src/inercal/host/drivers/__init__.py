@@ -1,1 +1,1 @@
-"""Drivers of tables, one a controller, alike to whoever moves them: see `table`."""
+"""Drivers of tables, one for each controller, with a common interface: `rotary_table`."""

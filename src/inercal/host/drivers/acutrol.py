@@ -83,7 +83,7 @@ class Acutrol(RotaryTable):
             raise
 
     def identity(self) -> str:
-        """Return what answers `*idn?`."""
+        """Return the reply to `*idn?`."""
         return self._dialogue.ask(b"*idn?\n")
 
     def enable(self, axis: str | None = None) -> None:
@@ -153,7 +153,7 @@ class Acutrol(RotaryTable):
         )
 
     def close(self) -> None:
-        """Close the connection; the table goes on with what it does."""
+        """Close the connection; the table continues what it is doing."""
         self._dialogue.close()
 
     def _state(self, i: int, said: list[str]) -> AxisState:
@@ -190,7 +190,7 @@ class Acutrol(RotaryTable):
         return AxisLimits(rate, acceleration, low, high)
 
     def _send(self, *commands: str, urgent: bool = False) -> None:
-        """Send commands on one line; raises `TableFault` where the status behind them says so."""
+        """Send commands on one line; raises `TableFault` if the status reports a fault."""
         line = ";".join(commands)
         status = int(_number(self._dialogue.ask(f"{line};*stb?\n".encode(), urgent=urgent)))
         if status & 1:

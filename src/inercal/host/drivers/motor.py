@@ -117,7 +117,7 @@ class Motor(RotaryTable):
         )
 
     def close(self) -> None:
-        """Close the link; the motor goes on with what it does."""
+        """Close the link; the motor continues what it is doing."""
         self._dialogue.close()
 
     def _send(self, line: str, *, urgent: bool = False) -> str:

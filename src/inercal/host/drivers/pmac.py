@@ -226,14 +226,14 @@ class Pmac(RotaryTable):
         return TableState(cycles * self.period, states, during * self.period)
 
     def close(self) -> None:
-        """Close the connection; the table goes on with what it does."""
+        """Close the connection; the table continues what it is doing."""
         self._dialogue.close()
 
     def _ask(self, line: str, replies: int = 0) -> list[str]:
         return self._dialogue.ask(line, replies)
 
     def _each(self, lines: Iterable[str], ask: Callable[[str], object]) -> None:
-        """Send all lines; a motor that fails at its own keeps no other from hearing theirs."""
+        """Send all lines, so that a motor whose line fails does not keep the others from theirs."""
         failure: CommandRefused | ProtocolError | LinkLost | None = None
         for line in lines:
             try:
@@ -303,5 +303,5 @@ class Pmac(RotaryTable):
 
 
 def _decimal_text(value: float) -> str:
-    """Return a constant as the controller reads it, without exponent."""
+    """Return a constant in the controller's notation, without an exponent."""
     return f"{value:.12f}".rstrip("0").rstrip(".")

@@ -1,4 +1,4 @@
-"""Turbo PMAC over Ethernet, without input or output: bytes of requests, and replies from bytes.
+"""Encodes requests to a Turbo PMAC over Ethernet and decodes its replies, without any I/O.
 
 A request is a header of 8 bytes (type, request, value, index: two bytes each, length big-endian)
 and the command line. Its reply is text, lines ended by CR, the whole ended by ACK; or BELL, ERRnnn
@@ -83,7 +83,7 @@ class CommandRefused(TableFault):
 
 
 class MotorStatus(NamedTuple):
-    """What a motor says of itself.
+    """The status of a motor.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def control_request(letter: str) -> bytes:
 
 
 class ReplyReader:
-    """The reply to `line`, put together from what arrives, in pieces of any size."""
+    """The reply to `line`, assembled from pieces of any size."""
 
     def __init__(self, line: str):
         self._line = line
@@ -144,12 +144,12 @@ class ReplyReader:
 
     @property
     def awaits_request(self) -> bool:
-        """A full chunk has come and the reply is not over: the controller waits to be asked."""
+        """Whether the controller waits to be asked for the next chunk of an unfinished reply."""
         return len(self._data) > 0 and len(self._data) % CHUNK_SIZE == 0
 
     @property
     def size(self) -> int:
-        """Bytes that have come."""
+        """Number of bytes received."""
         return len(self._data)
 
     def feed(self, data: bytes) -> list[str] | None:
@@ -200,7 +200,7 @@ class ReplyReader:
         return text.split("\r")[:-1]
 
     def _raise_refusal(self, rest: bytes) -> None:
-        """Raise what the controller says behind BELL, or wait for the rest of it."""
+        """Raise the error that the controller sends after BELL, or wait for the rest of it."""
         # What has come is completed by a known refusal, to see whether it can still become one.
         match = _REFUSAL.fullmatch(rest + b"\x07ERR000\r"[len(rest) :])
         if match is None:

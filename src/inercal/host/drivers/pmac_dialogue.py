@@ -1,4 +1,4 @@
-"""Requests to a Turbo PMAC and its replies: a reply that comes too late is never the next one's.
+"""Requests to a Turbo PMAC; a late reply is never taken for the reply to the next request.
 
 A request is a packet of its own, and the next is sent when its reply has come or its time limit has
 passed: a controller may take one packet for one request. A reply is read to its ACK. Where it does

@@ -24,12 +24,12 @@ class ProtocolError(InercalError):
 
 
 class TableFault(InercalError):
-    """The table refuses, or has stopped by itself; `str(error)` says why and what is possible."""
+    """The table refuses a command or has stopped; `str(error)` says why and what is possible."""
 
 
 @dataclass(frozen=True)
 class AxisLimits:
-    """What the controller holds an axis to.
+    """The limits that the controller enforces for an axis.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class AxisLimits:
     def check(
         self, axis: str, rate: float, acceleration: float, angle: float | None = None
     ) -> None:
-        """Raise `InputError` for a motion that the axis is not made for."""
+        """Raise `InputError` for a motion beyond the limits of the axis."""
         if angle is not None and not self.low <= angle <= self.high:
             raise InputError(
                 f"axis {axis}: {degrees(angle):.6g}° is beyond the soft limits; possible: "
@@ -75,7 +75,7 @@ class AxisLimits:
 
 @dataclass(frozen=True)
 class AxisState:
-    """One axis at one instant; a number that the controller does not tell is NaN.
+    """One axis at one instant; NaN for a number that the controller does not report.
 
     Parameters
     ----------
@@ -104,17 +104,17 @@ class AxisState:
 
     @property
     def settled(self) -> bool:
-        """The move is over; neither sign says so alone: a servo may keep its band in motion."""
+        """Whether the move is over; both flags are needed: an axis in motion may be in its band."""
         return self.in_position and not self.moving
 
     @property
     def rests(self) -> bool:
-        """It neither turns nor is commanded to."""
+        """Whether the axis neither turns nor is commanded to."""
         return abs(self.rate) < REST_RATE and not self.moving
 
     @property
     def status_text(self) -> str:
-        """What it does, for an operator: its faults, else "off", "turns" or "holds"."""
+        """What the axis does, for an operator: its faults, else "off", "turns" or "holds"."""
         if self.faults:
             return ", ".join(self.faults)
         return "off" if not self.enabled else "turns" if self.moving else "holds"
@@ -166,7 +166,7 @@ class RotaryTable(Closeable, ABC):
 
     @abstractmethod
     def identity(self) -> str:
-        """Return what the controller says that it is; "" where it has no answer."""
+        """Return how the controller identifies itself; "" if it does not answer."""
 
     @abstractmethod
     def enable(self, axis: str | None = None) -> None:
@@ -202,19 +202,19 @@ class RotaryTable(Closeable, ABC):
 
 
 def axis_index(axis: str, axes: tuple[str, ...]) -> int:
-    """Return the place of the axis named `axis`; raises `InputError` naming those there are."""
+    """Return the index of the axis named `axis`; raises `InputError` that names the axes."""
     if axis not in axes:
         raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}", names=(axis,))
     return axes.index(axis)
 
 
 def axis_indices(axis: str | None, axes: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the place of one axis, or those of all; raises as `axis_index`."""
+    """Return the index of one axis, or those of all; raises as `axis_index`."""
     return tuple(range(len(axes))) if axis is None else (axis_index(axis, axes),)
 
 
 def require_unique_names(axes: tuple[str, ...]) -> None:
-    """Raise `InputError` where there are no axes, or two of one name."""
+    """Raise `InputError` if there are no axes, or if two have the same name."""
     if not axes or len(set(axes)) < len(axes):
         raise InputError(
             f"the axes of the table are {', '.join(axes) or 'none'}; give at least one, each with "
@@ -224,7 +224,7 @@ def require_unique_names(axes: tuple[str, ...]) -> None:
 
 
 def stop_with_retry(stop: Callable[[], object]) -> None:
-    """Stop, and again where it is not known that it was heard.
+    """Stop the table, and repeat the command if it was not acknowledged.
 
     The connection is a new one then, and to stop twice is to stop.
     """

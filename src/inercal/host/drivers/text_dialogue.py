@@ -1,4 +1,4 @@
-"""Lines of text sent to a controller, each answered by one reply that a known byte ends.
+"""Sends lines of text to a controller; a known byte ends each reply.
 
 Where a reply does not come whole in time, the link is given up and another opened. Over TCP that
 is all: bytes under way to the old connection cannot arrive. A serial port is read until it has been

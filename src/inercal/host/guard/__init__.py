@@ -41,7 +41,7 @@ _EXIT_TIMEOUT = 10.0  # s that it may take to end, connecting perhaps
 
 
 class Guard(Closeable):
-    """The guard of the table at `address`, as its host has it.
+    """The host's side of the guard of the table at `address`.
 
     One object serves one thread, and signals the main one.
 
@@ -90,22 +90,22 @@ class Guard(Closeable):
 
     @property
     def alive(self) -> bool:
-        """The guard runs; without one a table must not be left to itself."""
+        """Whether the guard runs; without one, a table must not be left alone."""
         return self._process.poll() is None
 
     def beat(self) -> None:
-        """Say that the host lives; never waits, and writes at most each 0.1 s."""
+        """Send a heartbeat; never waits, and writes at most every 0.1 s."""
         now = monotonic()
         if now - self._beat_time >= _BEAT_INTERVAL:
             self._beat_time = now
             self._write(b".")
 
     def stop(self) -> bool:
-        """Have the table stopped now; False where no guard can hear it."""
+        """Request a stop of the table now; False if no guard can receive it."""
         return self._write(b"s") and self.alive
 
     def read_lines(self) -> list[str]:
-        """Return the lines that it wrote since the last call; never waits."""
+        """Return the lines that the guard wrote since the last call; never waits."""
         with suppress(OSError):
             while data := os.read(self._lines, 1 << 16):
                 self._received += data
@@ -135,12 +135,12 @@ class Guard(Closeable):
             signal.set_wakeup_fd(before)
 
     def release_to_guard(self) -> None:
-        """Let the guard see to the table by itself: it ends when that is at rest."""
+        """Leave the table to the guard, which ends when the table is at rest."""
         self._close_pipe()
         self._released = True
 
     def close(self) -> None:
-        """Tell the guard to let go, and wait for its end; a second time does nothing."""
+        """Tell the guard to end, and wait for it; a second call does nothing."""
         if self._released:
             _guards.discard(self)
             _detached_processes.append(self._process)

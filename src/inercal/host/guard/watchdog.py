@@ -1,4 +1,4 @@
-"""The guard's own side: what it hears, and what it does with the table.
+"""The guard's process: what it receives, and how it stops the table.
 
 Run as `python -m inercal.host.guard.watchdog TABLE_ADDRESS --silence 1.5`, with the host's pipe as
 its input.
@@ -48,7 +48,7 @@ class _RateSample(NamedTuple):
 
 @dataclass
 class _StopProgress:
-    """What has become of a stop so far.
+    """The progress of a stop.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class _StopProgress:
 
 
 class Watchdog:
-    """The guard's own side.
+    """The guard in its own process.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Watchdog:
         self._stopping: _StopProgress | None = None
 
     def run(self) -> int:
-        """Watch until let go, or the host is gone and the table at rest; return the status."""
+        """Watch until released, or the host is gone and the table rests; return the status."""
         try:
             return self._watch()
         finally:
@@ -150,7 +150,7 @@ class Watchdog:
         return min(max(due - monotonic(), 0.0), _IDLE_INTERVAL)
 
     def _listen(self, wait: float) -> None:
-        """Do what comes within `wait` s says."""
+        """Carry out a command that arrives within `wait` s."""
         ends = [self._signals] if self._host_gone else [self._pipe, self._signals]
         due = monotonic() + wait
         ready, _, _ = select(ends, [], [], wait)
@@ -180,7 +180,7 @@ class Watchdog:
                     return
 
     def _stop(self, why: str) -> None:
-        """Begin to stop, where that is not under way."""
+        """Begin to stop the table, unless a stop is already in progress."""
         if self._stopping:
             return
         self._say(f"stopping: {why}")
@@ -190,7 +190,7 @@ class Watchdog:
             self._stopping.acknowledged = self._send_stop()
 
     def _follow_stop(self, stop: _StopProgress) -> None:
-        """See what has become of a stop, and do what is to be done about it."""
+        """Check the progress of a stop, and repeat or escalate it if necessary."""
         if not stop.acknowledged and not stop.killed and not self._servos_are_off():
             stop.acknowledged = self._send_stop()
         if not self._read_state() or self._state is None:
@@ -205,7 +205,7 @@ class Watchdog:
             self._check_deceleration(stop, self._state)
 
     def _check_deceleration(self, stop: _StopProgress, state: TableState) -> None:
-        """Tell a table that does not slow down again to stop, and kill it when it had its time."""
+        """Repeat the stop of a table that does not slow down; kill its servos after a timeout."""
         wall, rate = monotonic(), max(abs(axis.rate) for axis in state.axes if axis.enabled)
         now = _RateSample(state.time if isfinite(state.time) else wall, wall, rate)
         if stop.first is None or stop.last is None:
@@ -239,21 +239,21 @@ class Watchdog:
             self._table = None
 
     def _find_table(self) -> bool:
-        """See that the table is there; one that is late once, as all that begins is, may be."""
+        """Check that the table answers; a single late reply is allowed, as at the start."""
         return any(self._read_state(quietly=left > 0) for left in reversed(range(_START_ATTEMPTS)))
 
     def _check_link(self) -> None:
-        """See that the link holds; a machine that stalls for a moment is no lost link."""
+        """Check the link to the host; a machine that stalls for a moment is not a lost link."""
         if (self._read_state(quietly=True) or self._read_state()) and self._reported_errors:
             self._reported_errors.clear()
             self._say("ready")
 
     def _servos_are_off(self) -> bool:
-        """Tell whether, when last seen, no axis had its servo on."""
+        """Return whether no axis had its servo on in the last state."""
         return self._state is not None and not any(axis.enabled for axis in self._state.axes)
 
     def _read_state(self, *, quietly: bool = False) -> bool:
-        """Read the table's state; False where it does not tell."""
+        """Read the state of the table; False if it does not answer."""
         self._state = None
         self._last_reading_time = monotonic()
 
@@ -275,7 +275,7 @@ class Watchdog:
         quietly: bool = False,
         unanswered: str = "cannot",
     ) -> bool:
-        """Do something with the table; say once what is in the way, if it shall be said."""
+        """Do something with the table; report what prevents it once, if that is wanted."""
         try:
             if self._table is None:
                 self._table = open_table(self._address, None, _TIMEOUT)
@@ -299,7 +299,7 @@ def _say(line: str) -> None:
 
 
 def _ignore_signal(*_: object) -> None:
-    """Leave a signal to what it has written."""
+    """Do nothing: the wake-up descriptor has already passed the signal on."""
 
 
 def main() -> int:

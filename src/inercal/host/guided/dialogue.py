@@ -67,7 +67,7 @@ class GuidedMeasurement:
         self._shown: int | None = None  # the row whose setting was said last
 
     def run(self) -> bool:
-        """Measure the rows that are open; return whether all are measured.
+        """Measure the remaining rows; return whether all are measured.
 
         Raises
         ------
@@ -148,7 +148,7 @@ class GuidedMeasurement:
             )
 
     def _take_back(self, k: int | None, *, last: bool) -> None:
-        """Take back the readings of this row, or where it has none of the row before."""
+        """Undo the readings of this row, or of the previous row if this one has none."""
         self._shown, rows = None, self._table.rows
         if self._doubtful:
             self._doubtful = []
@@ -194,7 +194,7 @@ class GuidedMeasurement:
         return tuple(name for name in row.columns if name not in self._check.axes)
 
     def _summary(self, row: MeasuredRow) -> str:
-        """Return means and scatters in words."""
+        """Return means and standard deviations in words."""
         n, expected = len(row.readings), self._check.expected(row.planned.label)
         texts: list[str] = []
         for name, value in row.mean().items():
@@ -224,7 +224,7 @@ def _typed_numbers(line: str, columns: Sequence[str], units: Mapping[str, str]) 
             )
     if len(words) != len(columns):
         raise InputError(
-            f"{format_count(len(words), 'number')}, but {len(columns)} needed: type "
+            f"{format_count(len(words), 'number')}, but {len(columns)} are needed: type "
             f"{wanted or 'nothing'}, with decimal points and spaces between"
         )
     return dict(zip(columns, map(float, words), strict=True))

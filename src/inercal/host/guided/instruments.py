@@ -1,4 +1,4 @@
-"""Readings of instruments: SCPI over TCP or a serial port, or a device that sends lines by itself.
+"""Readings of instruments: SCPI over TCP or serial, or a device that sends lines unasked.
 
 A reply, or a line, holds one number or several between commas, semicolons or spaces. 9.9E37 is the
 overload of SCPI.
@@ -55,7 +55,7 @@ class Instrument(Closeable):
         self._link: Link | None = self._open()
 
     def begin(self) -> None:
-        """Discard what came before: the next reading is taken from now on."""
+        """Discard earlier replies: the next reading is taken from now on."""
         link = self._link = self._link or self._open()
         data = self._buffer
         try:

@@ -141,7 +141,7 @@ class MeasurementTable:
         return True
 
     def remove(self, k: int, *, last: bool) -> None:
-        """Take readings of row `k` back: the last, or all; its means are emptied."""
+        """Undo the last reading of row `k`, or all of them; its means become empty."""
         row = self.rows[k]
         with _unchanged_on_failure(row):
             row.cells = {**row.cells, **dict.fromkeys(row.columns, "")}

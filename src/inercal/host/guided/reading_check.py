@@ -84,7 +84,7 @@ class ReadingCheck:
         return self._expected.get(label, {})
 
     def far_readings(self, label: str, reading: Mapping[str, float]) -> list[str]:
-        """Return what of a reading is far from what is expected, in words."""
+        """Return which values of a reading are far from the expected ones, in words."""
         if self._free:
             return self._far_norm(reading)
         found: list[str] = []
@@ -104,7 +104,7 @@ class ReadingCheck:
         return found
 
     def _si_hint(self, axis: Axis, expected: float, value: float) -> str:
-        """Return a hint where a reading is what is expected in SI units, not in the sensor's."""
+        """Return a hint if a reading has the expected value in SI, not in the sensor's unit."""
         scale = axis.readout.scale
         in_si = value * scale + axis.readout.offset
         alike = abs(in_si - expected) <= self._tolerance * abs(expected)
@@ -129,7 +129,7 @@ class ReadingCheck:
         return [text]
 
     def out_of_range(self, reading: Mapping[str, float]) -> list[str]:
-        """Return what of a reading is at or beyond the stated full scale, in words."""
+        """Return which values of a reading are at or beyond the stated full scale, in words."""
         found: list[str] = []
         for column, axis in self.axes.items():
             reach = axis.readout.full_scale

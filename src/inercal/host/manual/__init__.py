@@ -1,1 +1,1 @@
-"""A table operated by hand: commands, the dead-man of a jog, the loop that drives the table."""
+"""Manual operation of a table: commands, dead-man control of a jog, and the main loop."""

@@ -41,7 +41,7 @@ Activity = Literal["idle", "home", "go", "jog", "stop"]
 
 @dataclass(frozen=True)
 class AxisTask:
-    """The last command of an axis that is operated by hand.
+    """The last manual command of an axis.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ _DURATION_MARGIN, _GRACE = 1.5, 5.0  # times what a motion takes by its limits, 
 def narrower_limits(
     controller: Sequence[AxisLimits], bench: Sequence[AxisMotionLimits]
 ) -> tuple[AxisLimits, ...]:
-    """Return what each axis is held to by its controller and by what its bench states."""
+    """Return the limits of each axis, from its controller and from the run file's bench."""
     return tuple(
         replace(
             of,
@@ -103,7 +103,7 @@ class CommandCheck:
     def judge(
         self, command: AxisCommand, state: TableState, tasks: Sequence[AxisTask], time: float
     ) -> tuple[Command, AxisTask | None]:
-        """Return what to tell the table, and the task that the axis has then; None: as before.
+        """Return the command for the table, and the axis's new task; None keeps the current one.
 
         Parameters
         ----------
@@ -127,12 +127,12 @@ class CommandCheck:
         match command:
             case ServoCommand(on=True):
                 if axis.enabled and not axis.faults:
-                    raise InputError("its servo is on already")
+                    raise InputError("its servo is already on")
                 return EnableCommand(i), None
             case ServoCommand():
                 self._require_supported("servo")
                 if task.activity != "idle" or abs(axis.rate) > REST_RATE:
-                    raise InputError("the axis moves; stop it first")
+                    raise InputError("the axis is moving; stop it first")
                 return DisableCommand(i), None
             case HomeAxisCommand():
                 self._require_supported("home")
@@ -183,4 +183,4 @@ def _require_ready(axis: AxisState, task: AxisTask, rate: float = 0.0) -> None:
     if axis.faults and not at_limit:
         raise TableFault(f"{', '.join(axis.faults)}; switch its servo on anew once that is gone")
     if task.activity == "home":
-        raise InputError("it seeks its zero; wait, or halt it")
+        raise InputError("it is homing; wait, or halt it")

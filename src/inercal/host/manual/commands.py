@@ -71,14 +71,14 @@ class HoldCommand(NamedTuple):
 
 
 class ReleaseCommand(NamedTuple):
-    """What is jogged shall stop."""
+    """Stop the jogged axis."""
 
     def __str__(self) -> str:
         return "the key is released"
 
 
 class HaltCommand(NamedTuple):
-    """All axes shall stop and be held."""
+    """Stop and hold all axes."""
 
     why: str = ""
 

@@ -41,7 +41,7 @@ class DeadMan(Closeable):
         self._thread.start()
 
     def begin(self, press: int) -> None:
-        """Take a new press; that of before is dead, and its number cannot be used again."""
+        """Begin a new press; the previous one is dead, and its number cannot be used again."""
         with self._changed:
             if press != self._press:
                 self._press, self._count = press, 0
@@ -49,7 +49,7 @@ class DeadMan(Closeable):
                 self._changed.notify_all()
 
     def hold(self, press: int) -> None:
-        """Keep a live press alive."""
+        """Keep a press alive."""
         with self._changed:
             now = monotonic()
             if press == self._press and now < self._deadline:

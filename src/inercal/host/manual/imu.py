@@ -110,7 +110,7 @@ class ManualImu(Closeable):
         self.receiver.close()
 
     def _begin(self, time: float) -> None:
-        """Let what follows be compared with nothing of before."""
+        """Do not compare what follows with anything earlier."""
         known = {"wraps": self._wraps} if isfinite(self._wraps) else {}
         session = {"what": "session", "next": 0, **known}
         # One section without an end: samples outside of sections are not assembled.

@@ -1,4 +1,4 @@
-"""A table operated by hand, from the connection to the table at rest: one loop of 20 ms.
+"""A manual session, from the connection until the table is at rest: one loop of 20 ms.
 
     clock -> commands, dead-man -> table commanded and read, IMU's bytes -> interlocks, journal
 
@@ -130,7 +130,7 @@ class ManualSession:
         self._show_time = -inf
         self.imu: ManualImu | None = None
         with ExitStack() as opened:
-            opened.enter_context(TableLock(addresses.table, "a session by hand"))
+            opened.enter_context(TableLock(addresses.table, "a manual session"))
             timeout = _SIMULATED_READ_TIMEOUT if addresses.clock else READ_TIMEOUT
             self._table = opened.enter_context(open_table(addresses.table, bench, timeout))
             self._clock = (
@@ -162,11 +162,11 @@ class ManualSession:
 
     @property
     def state(self) -> TableState | None:
-        """The table's, as last read."""
+        """The last state of the table that was read."""
         return self._driver.state
 
     def request(self, by: str, command: ManualCommand) -> None:
-        """Ask for something, from whichever thread; the dead-man hears it at once."""
+        """Request a command from any thread; it reaches the dead-man at once."""
         match command:
             case JogCommand(press=press):
                 self.dead_man.begin(press)
@@ -180,11 +180,11 @@ class ManualSession:
         self._requests.put((by, command))
 
     def write_note(self, words: str) -> None:
-        """Have a note written down, from whichever thread."""
+        """Record a note, from any thread."""
         self._requests.put(("", words))
 
     def end(self, words: str) -> None:
-        """Have the session end, from whichever thread or a signal; the first reason is kept."""
+        """End the session, from any thread or a signal; the first reason is kept."""
         self._end_words = self._end_words or words
         self.dead_man.release()
 
@@ -262,7 +262,7 @@ class ManualSession:
             self._halt(f"{by}: {command}", "info")
             return True
         if isinstance(command, JogCommand) and not self.dead_man.is_live(command.press):
-            self._say("info", f"{by}: {command}: not begun, the key is up already")
+            self._say("info", f"{by}: {command}: not started, because the key was already released")
             return False
         try:
             checked = self._judged(command, by)
@@ -281,7 +281,7 @@ class ManualSession:
         return True
 
     def _judged(self, command: AxisCommand, by: str) -> Command:
-        """Return what to tell the table; what an axis does then is in `tasks`.
+        """Return the command for the table, and update `tasks`.
 
         Raises
         ------
@@ -306,7 +306,7 @@ class ManualSession:
         self.tasks[i] = replace(task, begun=self.time)
 
     def _forget(self, command: AxisCommand) -> None:
-        """Stop an axis that has refused a motion: what it did before is not known to be wanted."""
+        """Stop an axis that has refused a motion: its previous motion may no longer be wanted."""
         if isinstance(command, (HomeAxisCommand, GoCommand, JogCommand)):
             if isinstance(command, JogCommand):
                 self._jog = None
@@ -316,7 +316,7 @@ class ManualSession:
     # What stops.
 
     def _follow_dead_man(self) -> None:
-        """Stop what is jogged where nobody holds the key any more."""
+        """Stop the jogged axis once nobody holds the key any more."""
         if self._jog is not None and not self.dead_man.is_live(self._jog[1]):
             # A release in the queue names its operator when it is read.
             if self._requests.empty():
@@ -378,7 +378,7 @@ class ManualSession:
     # What is seen.
 
     def _hear_guard(self) -> None:
-        """Hear what the watchdog says, and that it is there."""
+        """Read the watchdog's messages, and check that it is alive."""
         if self._guard.signal_received and not self._end_words:
             self._alarm_end("stopped by the operator")
         for line in self._guard.read_lines():
@@ -409,7 +409,7 @@ class ManualSession:
         return False
 
     def _follow_state(self, time: float, state: TableState) -> None:
-        """See what has become of each axis, and that the interlocks hold."""
+        """Check the progress of each axis, and the interlocks."""
         if self.imu is not None:
             self.imu.take_table(time, state)
         self._last_checks.record("table", self.time)
@@ -465,7 +465,7 @@ class ManualSession:
             self._halt(f"axis {name} has not {doing} in {self.time - task.begun:.1f} s")
 
     def _check_gyros(self) -> None:
-        """See that gyros and encoders agree."""
+        """Check that gyros and encoders agree."""
         if self.imu is None:
             return
         try:
@@ -478,7 +478,7 @@ class ManualSession:
             self._driver.switch_servos_off()
 
     def _wait_for_rest(self) -> None:
-        """See the table come to rest; where it does not, the watchdog has it."""
+        """Wait until the table is at rest; if it is not, leave it to the watchdog."""
         slowest = max(one.rate / one.acceleration for one in self.limits)
         # An axis may report the motion of a new command later.
         least, until = self.time + _STARTING_TIME, self.time + slowest + _GRACE
@@ -487,7 +487,7 @@ class ManualSession:
 
     @property
     def _is_at_rest(self) -> bool:
-        """By the last reading no axis moves whose servo is on."""
+        """Whether no axis with its servo on moved in the last reading."""
         axes = self.state.axes if self.state is not None and self._was_read else ()
         return self._driver.at_rest or (
             bool(axes)

@@ -1,4 +1,4 @@
-"""Descriptions of packets in TOML, read into a `PacketLayout`; what is wrong, in a line."""
+"""Reads TOML descriptions of packets into a `PacketLayout`; errors are one line each."""
 
 import math
 import re
@@ -148,7 +148,7 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
 
 
 def _check_keys(part: Any, section: str) -> None:
-    """Refuse a key that is none, or a value of another type."""
+    """Refuse an unknown key, or a value of the wrong type."""
     where, keys = f"[{section}] " if section else "", KEYS[section]
     if not isinstance(part, dict):
         raise InputError(

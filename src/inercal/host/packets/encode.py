@@ -1,4 +1,4 @@
-"""Makes the bytes that a device would send of readings: the simulator's way back."""
+"""Encodes readings into the bytes that a device would send, for the simulator."""
 
 from string import Formatter
 from typing import Any
@@ -160,7 +160,7 @@ def _text_lines(
 
 
 def _line_check(line: TextLine, text: str) -> int:
-    """Return the check of what a line holds so far."""
+    """Return the check of the line so far."""
     (check,) = line.checks
     data = np.frombuffer(text.encode(), np.uint8)
     ends = np.array([check.start]), np.array([data.size])

@@ -1,4 +1,4 @@
-"""What the packets of a device are: pictures, and what the numbers in them mean in SI.
+"""The packet layout of a device: pictures, and the meaning of their numbers in SI.
 
 A reading in SI is sign · raw · size + zero. Increments (m/s, rad) are multiplied by the rate, so
 that they become the mean acceleration or angular rate over the interval.
@@ -71,7 +71,7 @@ class PacketLayout:
 
     @property
     def roles(self) -> frozenset[str]:
-        """What the fields of the packets mean, those of all packets together."""
+        """The meanings of the fields of all packets."""
         return frozenset(field.role for frame in self.frames for field in frame.fields)
 
     @property

@@ -96,7 +96,7 @@ def _count_leading_packets(data: Bytes, frame: BinaryFrame) -> int:
 
 
 def _valid_checks(data: Bytes, starts: Indices, frame: BinaryFrame) -> NDArray[np.bool_]:
-    """Return which packets have the checks that their bytes make."""
+    """Return which packets pass their checks."""
     good = np.ones(starts.size, bool)
     for check in frame.checks:
         value = np.zeros(starts.size, np.uint32)
@@ -139,7 +139,7 @@ def _search_packets(
 
 
 def _select_disjoint(starts: Indices, lengths: Indices) -> NDArray[np.bool_]:
-    """Return which packets are left when each excludes those that begin within it."""
+    """Return which packets remain when each excludes those that begin within it."""
     keep = np.ones(starts.size, bool)
     if np.all(np.diff(starts) >= lengths[:-1]):
         return keep
@@ -165,7 +165,7 @@ _MAX_LINE = 4096
 
 
 def find_lines(buffer: bytes, line: TextLine) -> DecodedPackets:
-    """Return the lines of a buffer that look as the picture says and whose check is right.
+    """Return the lines of a buffer that match the picture and pass their check.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def find_lines(buffer: bytes, line: TextLine) -> DecodedPackets:
 
 
 def _valid_line_checks(line: TextLine, matches: list[tuple[bytes, ...]]) -> NDArray[np.bool_]:
-    """Return which lines have the checks that their characters make."""
+    """Return which lines pass their checks."""
     (check,) = line.checks
     covered = np.frombuffer(b"".join(match[0] for match in matches), np.uint8)
     stop = np.cumsum([len(match[0]) for match in matches], dtype=np.int64)

@@ -1,7 +1,7 @@
 """Turns the bytes of a device into readings, as they arrive or from a file.
 
 However the bytes are cut, the packets are the same bit for bit. Garbage raises nothing: it is
-thrown away and counted.
+discarded and counted.
 
 Counters and clocks that restart at zero are unwrapped, and lost packets detected by their steps.
 """
@@ -40,7 +40,7 @@ class Flag(IntFlag):
 
 
 class UnwrappedValues(NamedTuple):
-    """Values that were counted on, (n,); flags of the packets, (n,) uint8; packets lost."""
+    """Unwrapped values, (n,); flags of the packets, (n,) uint8; lost packets."""
 
     values: NDArray[Any]
     flags: NDArray[np.uint8]
@@ -48,7 +48,7 @@ class UnwrappedValues(NamedTuple):
 
 
 def flag_array(where: NDArray[np.bool_], flag: Flag) -> NDArray[np.uint8]:
-    """Return a flag where something holds."""
+    """Return a flag where a condition is true."""
     return where.astype(np.uint8) * np.uint8(flag)
 
 
@@ -70,7 +70,7 @@ class CounterUnwrapper:
     _wrap_count: int = 0
 
     def unwrap(self, raw: NDArray[Any]) -> UnwrappedValues:
-        """Count on: a step of half the modulus or more is one back.
+        """Unwrap: a step of half the modulus or more counts as backward.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ _BLOCK_SIZE = 1 << 20  # bytes at a time: what is made of them stays in the proc
 
 @dataclass(frozen=True)
 class PacketCounts:
-    """What became of the bytes of a stream.
+    """Counts of packets by outcome (accepted, checksum error, lost, late).
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class PacketCounts:
     discarded : int
         Bytes that belong to no packet.
     failed : int
-        Packets with the right form and a wrong check; their bytes are among those thrown away.
+        Packets with the right form and a wrong check; their bytes are among those discarded.
     lost : int
         Packets that are missing by the counter, or by the time where that is what tells.
     repeated, out_of_order : int
@@ -168,7 +168,7 @@ class Packets:
 
 
 def join_packets(parts: Iterable[Packets]) -> Packets:
-    """Return packets of one stream one after the other.
+    """Concatenate packets of one stream.
 
     Raises
     ------
@@ -248,7 +248,7 @@ class Decoder:
         return made
 
     def feed(self, data: bytes) -> Packets:
-        """Return the packets that `data` completes; raises nothing, whatever the bytes are."""
+        """Return the packets that `data` completes; never raises, whatever the bytes are."""
         if len(data) > _BLOCK_SIZE:
             cuts = range(0, len(data), _BLOCK_SIZE)
             return join_packets(self.feed(data[cut : cut + _BLOCK_SIZE]) for cut in cuts)
@@ -308,7 +308,7 @@ class Decoder:
     def _unwrap_column(
         self, role: str, raw: Raw, kind: type[Number], flags: NDArray[np.uint8]
     ) -> NDArray[Number] | None:
-        """Count on a counter or clock, and mark and count what is missing."""
+        """Unwrap a counter or clock, and mark and count what is missing."""
         if role not in raw:
             return None
         values = raw[role].astype(kind)
@@ -319,7 +319,7 @@ class Decoder:
 
 
 def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCounts]:
-    """Return the packets of a file of a device's bytes, and what became of the others.
+    """Return the packets of a file of a device's bytes, and the counts by outcome.
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCou
     -------
     packets : Packets
     counts : PacketCounts
-        An incomplete packet at the end is among the bytes thrown away.
+        An incomplete packet at the end is among the discarded bytes.
 
     Raises
     ------

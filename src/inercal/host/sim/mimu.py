@@ -25,7 +25,8 @@ import sys
 import tty
 from argparse import ArgumentParser
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
@@ -36,6 +37,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.estimation.kernel_options import on_compilation
 from inercal.host.closeable import Closeable
 from inercal.host.packets import PacketLayout, read_layout
 from inercal.host.sim import motion_link
@@ -46,6 +48,7 @@ from inercal.host.sim.server import answer_lines
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.runfile import Run, read
 
+COMPILING = "compiling"  # the line before the address, if kernels are compiled and not loaded
 _WRITE_TIMEOUT = 0.5  # s of the wall for a reader that is busy; one that was not there gets none
 _RETRY_INTERVAL = 0.001  # s
 
@@ -334,6 +337,8 @@ def main() -> None:
     where.add_argument("--terminal", action="store_true", help="a pseudo-terminal, no TCP")
     where.add_argument("--port", type=int, default=0, help="of TCP; 0: any free one")
     parser.add_argument("--folder", type=Path, help="of terminal and motion; else one of its own")
+    parser.add_argument("--announce-compilation", action="store_true", help="before the address")
+    announce = partial(print, COMPILING, flush=True)
     options = parser.parse_args()
     with ExitStack() as stack:
         own = TemporaryDirectory(prefix="inercal-")
@@ -347,7 +352,8 @@ def main() -> None:
             drawn = draw_errors(run, options.seed)
             rate = packet_rate(run, layout, options.rate)
             seconds = noise_duration(run, drawn)
-            imu, packer = SimulatedImu(run, drawn, rate, seconds), PacketPacker(layout, rate)
+            with on_compilation(announce) if options.announce_compilation else nullcontext():
+                imu, packer = SimulatedImu(run, drawn, rate, seconds), PacketPacker(layout, rate)
         except InputError as error:
             print(f"no: {error}", flush=True)
             sys.exit(2)

@@ -7,5 +7,5 @@ The run is a process of its own (`worker`), which the server (`server`) starts a
 
 A page that is closed, or a server that is killed, leaves the run going. Several may look on, one
 operates, anyone may stop. What follows the stop is as at a terminal: a signal to the run's process,
-which the watchdog hears by itself. It is software, and no safety function.
+which the watchdog hears by itself. It is software and not a safety function.
 """

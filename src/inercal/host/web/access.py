@@ -310,7 +310,7 @@ class AccessMiddleware:
         if scope["method"] == "POST" and not self._access.is_same_origin(headers):
             raise RequestRefused(403, f"origin {headers.get('origin', '')!r}: not this page")
         if scope["path"] != "/" and self._access.is_cross_site(headers):
-            raise RequestRefused(403, "asked for by a page from elsewhere")
+            raise RequestRefused(403, "requested by another site's page")
 
     def _token_refusal(self, scope: Scope, headers: Headers) -> Response | None:
         """Return the answer to who has not shown the token, or may not; None for all else."""
@@ -341,7 +341,7 @@ class AccessMiddleware:
         who = client_host(scope)
         if given is None or not self._access.accepts_token(given, who):
             self._refusals(who, "a wrong token")
-            return _token_form("That is not the token.")
+            return _token_form("This token is wrong.")
         answer = RedirectResponse("/", 303)
         name = cookie_name(Headers(scope=scope), SESSION)
         answer.set_cookie(name, self._access.session, httponly=True, samesite="strict")

@@ -149,7 +149,7 @@ class Page:
         who = client_host(request.scope)
         if not self._hub.people.is_operator_browser(self._access.viewer(request.headers)):
             self._refusals(who, "probe: not the operator's browser")
-            return JSONResponse({"words": "only the operator may ask the devices"}, 403)
+            return JSONResponse({"words": "only the operator may probe the devices"}, 403)
         try:
             requested = parse_object(await request.body())
         except ValueError:
@@ -212,7 +212,7 @@ class Page:
             return await self.not_found(request)
         if self._pending_histories > _MAX_WAITING:
             self._refusals(client_host(request.scope), f"history: {_MAX_WAITING} wait to be drawn")
-            return PlainTextResponse("too many histories are asked for; wait a moment\n", 429)
+            return PlainTextResponse("too many histories are being drawn; wait a moment\n", 429)
         self._pending_histories += 1
         try:
             # One at a time: figures are drawn with settings of the whole process.
@@ -237,7 +237,7 @@ class Page:
             client_host(request.scope),
             f"{request.method} {request.scope['path']}: there is no such thing",
         )
-        return PlainTextResponse("there is no such thing here\n", 404)
+        return PlainTextResponse("nothing exists at this address\n", 404)
 
     async def live(self, websocket: WebSocket) -> None:
         """Tell somebody of the run, and do what they ask."""
@@ -248,7 +248,7 @@ class Page:
         tab = websocket.query_params.get("tab", "")[:_MAX_TAB] or None
         viewer = self._hub.add_viewer(self._version, browser, tab, Client(who, shown))
         if viewer is None:
-            self._refusals(who, "websocket: too many look on")
+            self._refusals(who, "websocket: too many viewers")
             await websocket.close()
             return
         tasks: list[asyncio.Task[None]] = []
@@ -267,7 +267,7 @@ class Page:
             self._refusals(who, f"viewer {viewer.number}: its place is given to another client")
             with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
                 async with asyncio.timeout(_CLOSING_TIME):
-                    await websocket.close(1013, "too many of one client look on")
+                    await websocket.close(1013, "this client has too many viewers")
         finally:
             self._hub.remove_viewer(viewer)
             for task in tasks:

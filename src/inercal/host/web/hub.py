@@ -1,4 +1,4 @@
-"""The run that is shown, and those to whom: what they ask for is judged and done here."""
+"""The run that is shown and its viewers: their requests are checked and carried out here."""
 
 import asyncio
 import json
@@ -53,7 +53,7 @@ COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
 class Hub:
-    """What the server has beside its connections.
+    """The state of the server apart from its connections.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Hub:
     options : RunOptions
         Of each run.
     start : callable, optional
-        Starts the process of a run or of a session by hand.
+        Starts the process of a run or of a manual session.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ class Hub:
                 self._broadcast_viewers()
             case "leave":
                 if self.people.is_operator(viewer):
-                    self._halt_manual("the operator has given control back")
+                    self._halt_manual("the operator has released control")
                 if self.people.leave_seat(viewer):
                     self._broadcast_viewers()
             case "stop":
@@ -207,11 +207,11 @@ class Hub:
 
     def _send_manual(self, command: ManualCommand) -> None:
         if not self._is_manual:
-            raise InputError("no session by hand is active; begin one first")
+            raise InputError("no manual session is active; start one first")
         self._send_to_run(manual_line(self.people.operator or "", command))
 
     def _halt_manual(self, why: str) -> None:
-        """Have all axes stopped that are operated by hand: nobody operates any more."""
+        """Stop all axes of a manual session: nobody operates any more."""
         if self._is_manual and self.run_process is not None:
             self.run_process.send_line(f"{HALT}{why}")
 
@@ -222,7 +222,7 @@ class Hub:
 
     def _send_to_run(self, line: str) -> None:
         if self._is_manual and line in ("pause", "go on"):
-            raise InputError("no run is active: the table is operated by hand")
+            raise InputError("no run is active: the table is under manual control")
         run_process = self.run_process if self.is_run_active else None
         if run_process is None or not run_process.send_line(line):
             raise InputError("no run is active; start or resume a run first")
@@ -255,12 +255,12 @@ class Hub:
         if self.run_process is not None:
             if isinstance(self.run_process.order, ManualRequest):
                 raise InputError(
-                    "the table is operated by hand; end that session before you start a run"
+                    "the table is under manual control; end that session before you start a run"
                 )
             raise InputError("another run is active; stop it, or wait until it has ended")
         if sessions := await asyncio.to_thread(self.runs.manual_sessions):
             raise InputError(
-                f"session by hand {sessions[0].name} has not ended yet; stop it, or wait"
+                f"manual session {sessions[0].name} has not ended yet; stop it, or wait"
             )
         if name := next((n for n, one in runs.items() if one.state == "running"), None):
             raise InputError(
@@ -297,7 +297,7 @@ class Hub:
         )
 
     async def _begin_manual(self, asked: JsonObject) -> None:
-        """Begin to operate the table by hand, within the limits of a plan's [bench]."""
+        """Start a manual session within the limits of a plan's [bench]."""
         chosen, plan = await self._choose(asked)
         folder = self.runs.new_folder("manual")
         with_imu = asked.get("with_imu") is True

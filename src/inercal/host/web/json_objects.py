@@ -42,7 +42,7 @@ def printable_line(text: object, most: int) -> str | None:
 
 
 def ambient_temperature(asked: object) -> float | None:
-    """Return a temperature of the room, °C, that somebody typed; None where nobody did.
+    """Return the room temperature that was typed, °C; None if none was.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A session by hand as a process of its own: `python -m inercal.host.web.manual_worker`.
+"""A manual session as a separate process: `python -m inercal.host.web.manual_worker`.
 
 The first line of its standard input is the `ManualRequest`. Then come the operator's commands, and
 `abort` ends it. Unlike a run it does not go on without its server: at the end of the input all axes
@@ -9,12 +9,13 @@ import os
 import shutil
 import sys
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from inercal.basics.errors import InercalError
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.assembly.table_polls import POLL_INTERVAL
-from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator
+from inercal.host.bench_simulator import COMPILATION_MESSAGE, STARTUP_MESSAGE, BenchSimulator
 from inercal.host.journal import Journal
 from inercal.host.manual.commands import HaltCommand
 from inercal.host.manual.session import ManualSession
@@ -57,13 +58,13 @@ class SessionRelay:
             session.end(self._end_words)
 
     def hear(self, lines: LineReader) -> None:
-        """Hand on lines until there are no more, which is the server's end."""
+        """Pass on lines until there are no more, which means that the server has ended."""
         while (line := lines.next_line()) is not None:
             self.hear_line(line)
         self.end("the server of the page is gone")
 
     def hear_line(self, line: str) -> None:
-        """Do what a line says; before there is a session, only its end is kept."""
+        """Carry out a line; before the session exists, only a request to end is kept."""
         if line == END:
             self.end("ended by the operator")
         elif self.session is None:
@@ -79,13 +80,13 @@ class SessionRelay:
                 print(f"inercal: {error}", file=sys.stderr, flush=True)
 
     def end(self, words: str) -> None:
-        """Have the session end."""
+        """End the session."""
         self._end_words = words
         if self.session is not None:
             self.session.end(words)
 
     def interrupt(self, *_: object) -> None:
-        """Hear a signal that the session does not catch itself.
+        """Handle a signal that the session does not handle itself.
 
         Raises
         ------
@@ -98,7 +99,7 @@ class SessionRelay:
 
 
 def main() -> int:
-    """Carry out the session; return the status to exit with."""
+    """Carry out the session; return the exit status."""
     relay = SessionRelay()
     end = serve_request(
         ManualRequest.from_json,
@@ -116,9 +117,11 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
     with ExitStack() as opened:
         addresses, simulated = DeviceAddresses(order.table, order.imu, order.clock), None
         if order.simulated is not None:
-            publisher.publish("phase", run=order.name, words=STARTUP_MESSAGE)
+            publish_phase = partial(publisher.publish, "phase", run=order.name)
+            publish_phase(words=STARTUP_MESSAGE)
             # The simulation runs in real time, since a person operates it.
-            bench = BenchSimulator(plan, order.seed, order.simulated, pace=1.0)
+            compiling = partial(publish_phase, words=COMPILATION_MESSAGE)
+            bench = BenchSimulator(plan, order.seed, order.simulated, pace=1.0, compiling=compiling)
             opened.enter_context(bench)
             addresses = DeviceAddresses(bench.table, bench.imu if order.with_imu else "")
             simulated = SimulationRequest(order.simulated, order.seed)
@@ -150,8 +153,8 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
 
 
 def _begin_text(order: ManualRequest) -> str:
-    by = order.requested_by or "an operator without a name"
-    words = f"operated by hand, begun from the page by {by}; limits of {Path(order.plan).name}"
+    by = order.requested_by or "an operator who gave no name"
+    words = f"manual session, started from the page by {by}; limits of {Path(order.plan).name}"
     return f"{words}; simulated bench, seed {order.seed}" if order.simulated else words
 
 

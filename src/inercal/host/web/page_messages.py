@@ -32,7 +32,7 @@ _MAX_NIS = 4.0  # innovations twice as large as stated
 
 
 def plan_message(run: Run) -> dict[str, Any]:
-    """Return what is known of a run before anything moves."""
+    """Return the plan message, from what is known before anything moves."""
     sensor, plan = run.sensor, host_plan(run)
     coefficients = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
     measures = {axis.name: axis.measures for axis in sensor.axes}
@@ -64,7 +64,7 @@ def plan_message(run: Run) -> dict[str, Any]:
 
 
 def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any]:
-    """Return how a run stands.
+    """Return the state message of a run.
 
     Parameters
     ----------
@@ -141,12 +141,12 @@ def nis_fields(ratio: float, count: int) -> dict[str, Any]:
 
 
 def rounded_number(value: float | None, digits: int = _SIGNIFICANT_DIGITS) -> float | None:
-    """Return a number of so many digits; None for one that is not known."""
+    """Return a number rounded to so many digits; None if it is unknown."""
     return float(f"{value:.{digits}g}") if value is not None and isfinite(value) else None
 
 
 def rounded_numbers(values: Sequence[float] | Array) -> list[float | None]:
-    """Return many of them."""
+    """Return many such numbers."""
     return [rounded_number(float(value)) for value in values]
 
 
@@ -163,7 +163,7 @@ def imu_fields(
     no_angle: int | None = None,
     temperature: float | None = None,
 ) -> dict[str, Any]:
-    """Return what became of what an IMU sent, and its temperature, °C."""
+    """Return the packet counts of an IMU, and its temperature, °C."""
     return {
         "packets": counts.packets,
         "lost": counts.lost,
@@ -200,7 +200,7 @@ def _task_text(task: Task) -> str:
 
 
 def _attitude_fields(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any] | None:
-    """Return the attitude by the table and beside it by the readings, as far as either is known."""
+    """Return the attitude from the table and from the readings, if known."""
     if not plan.motion_control.has_attitude:
         return None
     bench = require_turntable(plan)

@@ -1,4 +1,4 @@
-"""The plans there are to choose from: run files of one folder, and that of the demonstration.
+"""The plans to choose from: the run files of one folder, and that of the demonstration.
 
 Parameters of the filters that an operator changes on the page are judged as the run file's are.
 """
@@ -80,7 +80,7 @@ class Plans:
 
 
 def _read_plan(name: str, path: Path) -> Plan | None:
-    """Return what a file is as a plan; None for one that is not a run file at all."""
+    """Return the plan of a file; None if the file is not a run file at all."""
     summary: dict[str, Any] = {
         "id": name, "file": path.name, "sensor": "", "steps": 0, "seconds": 0.0, "method": "",
         "bytes": 0,
@@ -101,7 +101,7 @@ def _read_plan(name: str, path: Path) -> Plan | None:
 
 
 def expected_size(run: Run) -> int:
-    """Return how many bytes a run is expected to need on the disk, rather too many.
+    """Return how many bytes a run is expected to need on the disk, on the high side.
 
     A sample has its packet in the log and a row of numbers in the recording. Measured of the plan
     of 15 steps in the tests, 59 000 samples of six axes: 46 bytes in the log, 90 in the recording,
@@ -114,7 +114,7 @@ def expected_size(run: Run) -> int:
 
 
 def _resembles_run_file(path: Path) -> bool:
-    """Tell whether a file that is no good plan is meant to be a run file, as far as one sees."""
+    """Return whether an invalid file looks as if it was meant to be a run file."""
     try:
         return bool(_SECTIONS & read_toml(path).keys())
     except InputError:

@@ -1,4 +1,4 @@
-"""What was refused, a line each on standard error, however fast it comes."""
+"""Logs refusals on standard error, one line each, at a limited rate."""
 
 import logging
 import sys
@@ -13,7 +13,7 @@ _MAX_TEXT = 300  # characters
 
 
 def escape_control_characters(text: str) -> str:
-    r"""Return text on one line, control characters escaped: who asks may write anything.
+    r"""Return text on one line with control characters escaped: a client may send anything.
 
     >>> escape_control_characters("a\nb\x1b[2J")
     'a\\nb\\x1b[2J'
@@ -23,7 +23,7 @@ def escape_control_characters(text: str) -> str:
 
 
 class RefusalLog:
-    """Says what was refused; where that is too much, how many more there were.
+    """Logs refusals; if there are too many, how many more there were.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class RefusalLog:
         self._suppressed = 0
 
     def __call__(self, who: object, words: str) -> None:
-        """Say that somebody was refused something."""
+        """Log a refusal."""
         at = self._now()
         self._tokens = min(_MAX_BURST, self._tokens + _LINE_RATE * (at - self._updated_at))
         self._updated_at = at
@@ -59,14 +59,14 @@ class RefusalLog:
 
 
 class RefusalHandler(logging.Handler):
-    """Says what the web server refuses by itself, and what fails in it: a line each."""
+    """Logs the web server's own refusals and errors, one line each."""
 
     def __init__(self, refused: RefusalLog):
         super().__init__(logging.WARNING)
         self._refusals = refused
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Say one record."""
+        """Write one record."""
         words = record.getMessage().strip()
         error = record.exc_info[1] if record.exc_info else None
         if error is not None:

@@ -1,4 +1,4 @@
-"""A run's process as the server has it: started, told, heard, stopped.
+"""The server's side of a run's process: start, send, receive, stop.
 
 It is the leader of a session of its own: what becomes of the server, or of the terminal that the
 server was started from, does not reach it.
@@ -18,7 +18,7 @@ _MAX_MESSAGE = 1 << 20  # bytes of a message
 
 
 class RunProcess:
-    """A run, or a session by hand, in progress.
+    """The process of a run or of a manual session.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class RunProcess:
         self.send_line(order.json_line)
 
     def send_line(self, line: str) -> bool:
-        """Tell the process something; False where it does not hear."""
+        """Send a line to the process; False if it does not read."""
         assert self._process.stdin
         data = f"{line}\n".encode()
         try:
@@ -45,13 +45,13 @@ class RunProcess:
             return False
 
     def stop(self) -> None:
-        """Have the table stopped: the system writes to the watchdog as soon as this is sent."""
+        """Stop the table: the signal's handler writes to the watchdog as soon as it arrives."""
         with suppress(ProcessLookupError):
             if self._process.poll() is None:
                 os.killpg(self._process.pid, signal.SIGINT)
 
     async def messages(self) -> AsyncGenerator[tuple[str, str]]:
-        """Yield kind and text of what the process tells, until it tells no more."""
+        """Yield kind and text of the process's messages until there are no more."""
         assert self._process.stdout
         reader = asyncio.StreamReader(_MAX_MESSAGE)
         protocol = asyncio.StreamReaderProtocol(reader)

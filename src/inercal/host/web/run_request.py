@@ -1,4 +1,4 @@
-"""What the process of a run, or of a session by hand, is told, and how its end is told.
+"""Requests to the process of a run or of a manual session, and the message of its end.
 
 A note of the process stays in the run's folder.
 """
@@ -66,7 +66,7 @@ class ProcessRequest(ABC):
     @property
     @abstractmethod
     def loss_text(self) -> str:
-        """What happens to the table and to the run where the process is lost."""
+        """What happens to the table and to the run if the process is lost."""
 
     @classmethod
     def from_json(cls, line: str) -> Self:
@@ -93,7 +93,7 @@ class ProcessRequest(ABC):
 
 @dataclass(frozen=True)
 class RunRequest(ProcessRequest):
-    """A run to be begun or to go on.
+    """A request to start or resume a run.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class RunRequest(ProcessRequest):
 
     @property
     def options(self) -> RunOptions:
-        """What is said of the run."""
+        """The text about the run."""
         return RunOptions(self.speed, self.temperature, self.patience)
 
     @property
@@ -176,7 +176,7 @@ class RunRequest(ProcessRequest):
 
 @dataclass(frozen=True)
 class ManualRequest(ProcessRequest):
-    """A session by hand to be begun.
+    """A request to start a manual session.
 
     Parameters
     ----------
@@ -244,14 +244,14 @@ def parse_manual_line(line: str) -> tuple[str, ManualCommand]:
 
 
 def end_message(order: ProcessRequest, state: str, words: str = "", **more: object) -> EndMessage:
-    """Return what is told of an end.
+    """Return the message of an end.
 
     Parameters
     ----------
     order : ProcessRequest
     state : "done", "carried out", "interrupted", "not begun" or "manual"
         Carried out: without a calibration. Not begun: nothing was kept that could be resumed.
-        Manual: the end of a session by hand.
+        Manual: the end of a manual session.
     words : str
         Why, where it is not done.
     **more
@@ -268,14 +268,14 @@ def premature_end_message(order: ProcessRequest, words: str) -> EndMessage:
 
 
 class SimulationRequest(NamedTuple):
-    """A bench that is simulated for a run: preset of the packets, and seed."""
+    """A simulated bench for a run: packet preset and seed."""
 
     preset: str
     seed: int
 
 
 class ProcessRecord(NamedTuple):
-    """What a run's process leaves in the folder.
+    """The note that a run's process leaves in the folder.
 
     Parameters
     ----------
@@ -327,7 +327,7 @@ def run_in_progress(folder: Path) -> bool:
 def changed_run_file(
     path: Path, sensor: str | None, filter_changes: Mapping[str, str] | None
 ) -> bytes | None:
-    """Return a run file with what an operator changed, all else as written; None for no change.
+    """Return a run file with an operator's changes, otherwise as written; None for no change.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The runs of one folder, whoever made them, and their entry in the register."""
+"""The runs in one folder, whoever started them, and their entries in the register."""
 
 import shutil
 import signal
@@ -45,7 +45,7 @@ class StoredRun(NamedTuple):
         return self.summary["state"]
 
     def output_file(self, kind: str) -> Path:
-        """Return a file that was made of the run: "report.html", "calibration.json"."""
+        """Return a result file of the run: "report.html", "calibration.json"."""
         return self.path / f"{self.stem}.{kind}"
 
 
@@ -94,7 +94,7 @@ class Runs:
         return result
 
     def free_space(self) -> int:
-        """Return the bytes that are free on the disk; 0 where the folder is gone."""
+        """Return the free bytes on the disk; 0 if the folder is gone."""
         try:
             return shutil.disk_usage(self.folder).free
         except OSError:
@@ -110,7 +110,7 @@ class Runs:
             )
 
     def stop(self, name: object) -> None:
-        """Have a run stopped that is not shown, or all of them where `name` is None."""
+        """Stop a run that is not shown, or all of them if `name` is None."""
         there = [one for one in self.active_folders() if name in (None, one.name)]
         if not there:
             raise InputError("there is no active run to stop; reload the page to see all runs")
@@ -122,7 +122,7 @@ class Runs:
             )
 
     def enter(self, register: str | None) -> list[str]:
-        """Put all runs that nobody drives into the register; return in words what fails.
+        """Enter all inactive runs in the register; return in words what fails.
 
         One that is there as done is left alone: it has ended, and its raw data, which may be many
         gigabytes, were proved when it was entered.
@@ -178,7 +178,7 @@ def _unreadable_run(path: Path, error: InputError) -> StoredRun:
 
 
 def _sensor_name(run_file: Path) -> str:
-    """Return the name of the sensor, without reading all else."""
+    """Return the name of the sensor without reading the rest."""
     try:
         return str(read_toml(run_file, "run file")["sensor"]["name"])
     except (InputError, KeyError, TypeError):
@@ -186,7 +186,7 @@ def _sensor_name(run_file: Path) -> str:
 
 
 def _interrupt_process(folder: Path) -> bool:
-    """Have the process of a page's run in a folder stop it; False where there is none."""
+    """Signal the process of a page's run in a folder to stop it; False if there is none."""
     # A note that nobody has locked is an old one, its process another's by now.
     was = read_process_record(folder) if is_locked(folder / PROCESS_RECORD) else None
     if was is None:

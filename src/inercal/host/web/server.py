@@ -53,13 +53,13 @@ _Client = tuple[str, int]
 
 
 class Connection(Protocol):
-    """What the web server has of one connection."""
+    """The web server's record of one connection."""
 
     transport: Transport
 
 
 class ConnectionLimits:
-    """An ASGI application that knows who has asked for something.
+    """An ASGI application that records who sends requests.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class ConnectionLimits:
                 self._ended[host, port] = monotonic()
 
     def close_overdue(self, connections: Collection[Connection]) -> None:
-        """Close those that have asked nothing for too long, take too long or are too many."""
+        """Close connections that have been idle for too long, take too long or are too many."""
         now = monotonic()
         clients = {_client(one) for one in connections}
         self._asked = {who: kind for who, kind in self._asked.items() if who in clients}
@@ -178,7 +178,7 @@ class WebServer(uvicorn.Server):
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def serve(self, sockets: list[socket.socket] | None = None) -> None:
-        """Serve until it is told to end."""
+        """Serve until told to end."""
         self._loop = asyncio.get_running_loop()
         checking = asyncio.create_task(self._check_connections())
         try:
@@ -187,7 +187,7 @@ class WebServer(uvicorn.Server):
             checking.cancel()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Hear a signal: the first ends it in order, the second at once."""
+        """Handle a signal: the first ends the server in order, the second at once."""
         self._signal_count += 1
         if self._signal_count > 1:
             self.should_exit = self.force_exit = True
@@ -195,7 +195,7 @@ class WebServer(uvicorn.Server):
             self._loop.call_soon_threadsafe(self.stop_run_and_exit)
 
     def stop_run_and_exit(self) -> None:
-        """Stop the run, if one goes on, and end when that has ended."""
+        """Stop the active run, if any, and end when it has ended."""
         run_process = self._hub.run_process
         if run_process is not None and self._hub.is_run_active:
             run_process.stop()
@@ -245,8 +245,7 @@ def serve(options: ServerOptions) -> None:
             else _bracketed_host(options.host)
         )
         print_notice(
-            "a stop on this page is done by programs and is no safety function: that is the "
-            "hardware interlock"
+            "the STOP of this page is software and not a safety function; the hardware interlock is"
         )
         print(_page_address_text(f"http://{host}:{port}/", options.token, token), flush=True)
         asyncio.run(server.serve(sockets=[opened]))
@@ -300,19 +299,19 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 
 def host_header_values(names: Iterable[str], port: int) -> frozenset[str]:
-    """Return what a browser may call this server by, as it says it in Host."""
+    """Return the names by which a browser may call this server in Host."""
     bare = {_bracketed_host(name).lower() for name in names}
     own = {f"{name}:{port}" for name in bare}
     return frozenset(own | bare if port == 80 else own)  # that of http is left out
 
 
 def print_notice(words: str) -> None:
-    """Say something to who has started the server."""
+    """Print a line for the person who started the server."""
     print(f"inercal: {words}", file=sys.stderr, flush=True)
 
 
 def _page_address_text(address: str, given: str | None, token: str | None) -> str:
-    """Say where the page is: with a token that was made here, and else nobody could know."""
+    """Print the address of the page, with the token if it was generated here."""
     if token is None:
         return f"the page is at {address}"
     if given is None:
@@ -322,7 +321,7 @@ def _page_address_text(address: str, given: str | None, token: str | None) -> st
 
 
 def _registered_runs(options: ServerOptions) -> Runs:
-    """Return the runs there are, once all of them are in the register."""
+    """Return the runs, once all of them are in the register."""
     if not options.plans.is_dir():
         raise InputError(
             f"--plans {options.plans}: this folder does not exist; give the folder of the plans"

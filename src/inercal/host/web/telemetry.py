@@ -1,11 +1,11 @@
-"""Tells the page of a run, or of a session by hand, what has become of it since it was last told.
+"""Sends the page what has changed in a run or in a manual session.
 
-A sample that is shown is a mean of several where a bench is sped up: more than some hundreds a
-second of the wall's no page can draw.
+If a bench is sped up, each sample that is sent is a mean of several: no page can draw more than a
+few hundred a second.
 
-A session by hand is told in the messages of a run. The plan has no steps and no coefficients;
-`manual` in it has the limits of the axes, in ° and °/s, and what the controller cannot do. In the
-state, `manual` has of each axis the set value and the lamps.
+A manual session uses the messages of a run. Its plan has no steps and no coefficients; `manual` in
+it has the limits of the axes, in ° and °/s, and what the controller cannot do. In the state,
+`manual` has the set value and the lamps of each axis.
 """
 
 from collections import deque
@@ -42,7 +42,7 @@ _MAX_EVENTS = 500  # of a run that goes on after an interruption
 
 
 class Telemetry:
-    """Tells the page what the journal has heard and what the IMU has sent.
+    """Sends the page the new events of the journal and the new samples of the IMU.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Telemetry:
         self._streams = {"coarse": MeanStream(COARSE_RATE), "samples": MeanStream(FINE_RATE)}
 
     def publish_events(self) -> None:
-        """Tell what the journal has heard."""
+        """Publish the new events of the journal."""
         for event in self._journal.events(self._published_events):
             self._published_events += 1
             self._publisher.publish("event", n=self._published_events, **event._asdict())
@@ -71,7 +71,7 @@ class Telemetry:
 
 
 class RunTelemetry(Telemetry):
-    """Tells of one run; called with it now and then. All times are s of the run.
+    """Publishes the state of one run each time that it is called. All times are s of the run.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class RunTelemetry(Telemetry):
         self._innovations: deque[tuple[float, dict[str, tuple[float, int]]]] = deque()
 
     def __call__(self, run: BenchRun) -> None:
-        """Tell what is new."""
+        """Publish what is new."""
         self.publish_events()
         recorder = run.recorder
         while recorder.blocks:
@@ -112,7 +112,7 @@ class RunTelemetry(Telemetry):
         )
 
     def _record_innovations(self, live: LiveEstimator) -> None:
-        """Keep how large innovations were, over a window."""
+        """Record the size of the innovations, over a window."""
         kept = self._innovations
         if kept and kept[-1][0] > live.time:  # the recording begins anew
             kept.clear()
@@ -122,7 +122,7 @@ class RunTelemetry(Telemetry):
             kept.popleft()
 
     def _nis(self, live: LiveEstimator) -> dict[str, dict[str, Any]]:
-        """Return innovations squared over what was stated, a component, within the window."""
+        """Return the NIS per component within the window."""
         before = self._innovations[0][1] if len(self._innovations) > 1 else {}
         result: dict[str, dict[str, Any]] = {}
         for kind, (squares, count) in live.innovations.items():
@@ -145,7 +145,7 @@ class RunTelemetry(Telemetry):
 
 
 class MeanStream:
-    """Samples for a viewer, or means of several: more than a page can draw it need not be sent.
+    """Samples for a viewer, or means of several: never more than a page can draw.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class MeanStream:
         self._remainder: tuple[Array, Array] | None = None  # samples that make no whole mean yet
 
     def take(self, time: Array, output: Array) -> tuple[Array, Array, int] | None:
-        """Return times, outputs and how many samples a mean is of; None where none is whole."""
+        """Return times, outputs and the samples per mean; None if no mean is complete."""
         now = monotonic()
         a_second = time.size / max(now - self._taken_at, UPDATE_INTERVAL)
         self._taken_at = now
@@ -179,7 +179,7 @@ _LAMP_MARGIN = LIMIT_MARGIN + radians(0.02)
 
 
 class ManualTelemetry(Telemetry):
-    """Tells of one session; called with it now and then.
+    """Publishes the state of one manual session each time that it is called.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class ManualTelemetry(Telemetry):
         self._order, self._run = order, run
 
     def __call__(self, session: ManualSession) -> None:
-        """Tell what is new."""
+        """Publish what is new."""
         self.publish_events()
         self._publish_samples(
             session.imu.assembly.take_received() if session.imu is not None else None
@@ -202,7 +202,7 @@ class ManualTelemetry(Telemetry):
         self._publisher.publish("state", **_state_message(session))
 
     def publish_plan(self, session: ManualSession) -> None:
-        """Tell what is operated, within which limits."""
+        """Publish the table that is operated, and its limits."""
         order, sensor = self._order, self._run.sensor
         self._publisher.publish(
             "plan",

@@ -1,4 +1,4 @@
-"""Who looks on, and which of them operates; what a viewer is told first where its link is slow.
+"""The viewers, and which of them operates; what a viewer on a slow link gets first.
 
 A viewer answers marks: `{"kind": "mark", "n": 7}` by `{"do": "seen", "n": 7}`. The server puts a
 mark behind each batch of messages and sends the next batch once the mark is answered, so that not
@@ -32,7 +32,7 @@ _SAMPLE_KINDS = ("samples", "coarse")
 
 
 class Client(NamedTuple):
-    """By whom places are shared: an address, and a browser there that is known.
+    """The unit among which places are shared: an address, and a known browser there.
 
     All programs of an address that show no cookie of this server are one client.
     """
@@ -42,7 +42,7 @@ class Client(NamedTuple):
 
 
 class Viewer:
-    """Somebody who looks on.
+    """A viewer of the page.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Viewer:
         self._is_fast = False
 
     def send(self, kind: str, text: str, *, urgent: bool = True) -> None:
-        """Have a message sent.
+        """Queue a message.
 
         Parameters
         ----------
@@ -110,12 +110,12 @@ class Viewer:
         self._message_ready.set()
 
     def send_history(self, texts: Iterator[str]) -> None:
-        """Have a history sent as far as nothing else waits; it is read as it is sent."""
+        """Queue a history, which is read and sent only while nothing else waits."""
         self._history = texts
         self._message_ready.set()
 
     def acknowledge(self, mark: object) -> None:
-        """Take the answer to a mark; one that is not waited for is of no matter."""
+        """Handle the reply to a mark. Replies that nobody is waiting for are ignored."""
         if self._marked_at is None or mark != self._mark:
             return
         took = monotonic() - self._marked_at
@@ -127,7 +127,7 @@ class Viewer:
         self._message_ready.set()
 
     async def next_message(self) -> str:
-        """Return what is to be sent next, once there is something."""
+        """Return the next message to send, once there is one."""
         while (text := self._take()) is None:
             self._message_ready.clear()
             await self._message_ready.wait()
@@ -137,7 +137,7 @@ class Viewer:
         return text
 
     def _keep_in_order(self, kind: str) -> None:
-        """Have no state of before come after what ends or replaces it."""
+        """Discard queued state messages that are older than an end or restart message."""
         if kind in ("plan", "idle"):
             self._news.clear()
             for samples in self._samples.values():
@@ -170,7 +170,7 @@ class Viewer:
         return None
 
     def _take_bulk(self) -> str | None:
-        """Return the next of news, else of samples or history by turns; a slow link takes means."""
+        """Return the next event, else samples and history in turn; a slow link gets means."""
         if self._news:
             return self._news.popleft()
         kind, other = _SAMPLE_KINDS if self._is_fast else reversed(_SAMPLE_KINDS)
@@ -184,7 +184,7 @@ class Viewer:
 
 
 class _Seat:
-    """Who operates: a name, a viewer, and its browser and page to know it by when it is back."""
+    """The operator: a name, a viewer, and the browser and page that identify a reconnection."""
 
     def __init__(self, name: str, viewer: Viewer):
         self.name, self.number = name, viewer.number
@@ -192,7 +192,7 @@ class _Seat:
 
 
 class Viewers:
-    """Those who look on. One of them may operate, and whoever is gone keeps that for a while."""
+    """The viewers. One of them may operate, and keeps the place for a while after disconnecting."""
 
     def __init__(self):
         self.viewers: dict[int, Viewer] = {}
@@ -201,7 +201,7 @@ class Viewers:
         self._left_at = 0.0
 
     def make_place(self, client: Client) -> bool:
-        """Tell whether a client can look on, if need be in the place of one that has many places.
+        """Return whether there is a place for a client, freeing one of another's many if necessary.
 
         The operator's browser always can, and the operator's page gives way to nobody.
         """
@@ -215,7 +215,7 @@ class Viewers:
         return True
 
     def _yielding(self, client: Client) -> Viewer | None:
-        """Return who gives way to a client: the last that came of the client with most places.
+        """Return the viewer that gives way: the latest of the client with the most places.
 
         Only to one that has fewer, also afterwards: otherwise two would drive each other out.
         """
@@ -239,13 +239,13 @@ class Viewers:
 
     @property
     def operator(self) -> str | None:
-        """The name of who operates, or may still be back."""
+        """The name of the operator, who may be disconnected for the moment."""
         return self._held_seat.name if self._held_seat is not None else None
 
     def add_viewer(
         self, browser: str | None, tab: str | None = None, client: Client | None = None
     ) -> Viewer:
-        """Take a viewer in; an operator who was gone for a moment operates again.
+        """Add a viewer; an operator who was disconnected for a moment operates again.
 
         The page of the operator has its place back though the connection that it had before, which
         broke, is not known to be gone yet.
@@ -261,22 +261,22 @@ class Viewers:
         return viewer
 
     def remove_viewer(self, viewer: Viewer) -> None:
-        """Let somebody go."""
+        """Remove a viewer."""
         self.viewers.pop(viewer.number, None)
         if self.is_operator(viewer):
             self._left_at = monotonic()
 
     def is_operator(self, viewer: Viewer) -> bool:
-        """Tell whether somebody is the operator."""
+        """Return whether a viewer is the operator."""
         return self._seat is not None and self._seat.number == viewer.number
 
     def is_operator_browser(self, browser: str | None) -> bool:
-        """Tell whether a browser is that of the operator."""
+        """Return whether a browser is the operator's."""
         seat = self._held_seat
         return seat is not None and browser is not None and seat.browser == browser
 
     def take_seat(self, viewer: Viewer, name: object) -> str | None:
-        """Let somebody operate; return in words why not."""
+        """Make a viewer the operator; return in words why not."""
         # To the operator's browser at once: its last connection may be broken and not known to be.
         own = self.is_operator(viewer) or self.is_operator_browser(viewer.browser)
         seat = self._held_seat
@@ -290,7 +290,7 @@ class Viewers:
         return None
 
     def leave_seat(self, viewer: Viewer) -> bool:
-        """Let nobody operate, if that one did; tell whether it did."""
+        """Give up the operator's place, if a viewer has it; return whether it had."""
         if not self.is_operator(viewer):
             return False
         self._seat = None
@@ -298,7 +298,7 @@ class Viewers:
 
     @property
     def _held_seat(self) -> _Seat | None:
-        """The seat, unless who had it has been gone for too long."""
+        """The seat, unless its holder has been gone for too long."""
         if self._seat is not None and self._seat.number not in self.viewers:
             return self._seat if monotonic() - self._left_at < OPERATOR_GRACE else None
         return self._seat
@@ -328,7 +328,7 @@ class MessageHistory:
         self._events: deque[tuple[bool, str]] = deque(maxlen=_MAX_EVENTS)
 
     def add_message(self, kind: str, text: str) -> None:
-        """Keep a message in so far as it counts."""
+        """Keep a message if it still counts."""
         match kind:
             case "samples" | "coarse":
                 self._samples[kind].append(text)
@@ -345,7 +345,7 @@ class MessageHistory:
                     self._trend.extend(_trend_point(text))
 
     def present(self) -> Generator[tuple[str, str]]:
-        """Yield kinds and texts of how the run stands and of the last seconds' samples."""
+        """Yield kinds and texts of the current state and of the samples of the last seconds."""
         order = ("state", "phase") if self._phase_is_newest else ("phase", "state")
         for kind in ("plan", *order, "done"):
             if kind in self._last:
@@ -360,7 +360,7 @@ class MessageHistory:
                 yield kind, text
 
     def past(self) -> Generator[str]:
-        """Yield what was before, what is seen at once first."""
+        """Yield the past, first what is visible at once."""
         yield from _grouped_messages("trend", "points", list(self._trend))
         calm = [text for alarm, text in self._events if not alarm]
         events = _grouped_messages("events", "events", calm)
@@ -371,7 +371,7 @@ class MessageHistory:
         yield from events
 
     def _thin(self, text: str) -> None:
-        """Keep every so many estimates, evenly over the run."""
+        """Keep a subset of the estimates, spread evenly over the run."""
         if self._estimate_count % self._stride == 0:
             self._estimates.append(text)
         self._estimate_count += 1
@@ -381,7 +381,7 @@ class MessageHistory:
 
 
 def is_alarm(event: str) -> bool:
-    """Tell whether an event, as its message, is an alarm."""
+    """Return whether an event message is an alarm."""
     return json.loads(event).get("level") == "alarm"
 
 

@@ -1,4 +1,4 @@
-"""A run as a process of its own: `python -m inercal.host.web.worker`, told by its standard input.
+"""A run as a separate process, controlled by its standard input.
 
 The first line is the `RunRequest`. Then come commands, `pause`, `go on` and `abort`, for as long as
 somebody gives any: at the end of the input the run goes on to its own end, and so it does where
@@ -18,9 +18,15 @@ from typing import Any, Literal
 from urllib.parse import quote
 
 from inercal.basics.errors import InercalError
+from inercal.estimation.kernel_options import on_compilation
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
-from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator, start_bench_simulator
+from inercal.host.bench_simulator import (
+    COMPILATION_MESSAGE,
+    STARTUP_MESSAGE,
+    BenchSimulator,
+    start_bench_simulator,
+)
 from inercal.host.clock import SimulatedClock
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
@@ -58,7 +64,7 @@ _COMMANDS: dict[str, _RunCommand] = {
 
 
 class CommandRelay:
-    """Hands on what is asked to the run, once there is one.
+    """Passes requests on to the run, once it exists.
 
     Attributes
     ----------
@@ -73,7 +79,7 @@ class CommandRelay:
         self._notes: SimpleQueue[str] = SimpleQueue()
 
     def command(self, words: str) -> None:
-        """Do what `pause`, `go on`, `abort`, a note or `mounted` say, from whichever thread."""
+        """Carry out `pause`, `go on`, `abort`, a note or `mounted`, from any thread."""
         if words.startswith(NOTE):
             self._notes.put(words.removeprefix(NOTE))
         if words.startswith(MOUNTED) and self._run is not None:
@@ -92,12 +98,12 @@ class CommandRelay:
         return notes
 
     def attach(self, run: BenchRun) -> None:
-        """Have a run hear from now on, of signals too until it catches them itself."""
+        """Pass requests to a run from now on, and signals until it handles them itself."""
         self._run, self.interruptible = run, False
         self._forward_commands()
 
     def interrupt(self, *_: object) -> None:
-        """Hear a signal that the run does not catch itself, and ask the run, if any, to stop.
+        """Handle a signal that the run does not handle itself: ask the run, if any, to stop.
 
         Raises
         ------
@@ -119,7 +125,7 @@ class CommandRelay:
 
 
 class RunController:
-    """One run, from the order to the register, told while it goes on.
+    """One run, from the request to the register; it publishes its progress.
 
     Parameters
     ----------
@@ -131,12 +137,12 @@ class RunController:
     def __init__(self, order: RunRequest, publisher: Publisher, control: CommandRelay):
         self._order, self._publisher, self._control = order, publisher, control
         self._folder = Path(order.folder)
-        self._by = order.requested_by or "an operator without a name"
+        self._by = order.requested_by or "an operator who gave no name"
         self._activity: AbstractContextManager[None] = nullcontext()
         self._compiled = False
 
     def execute(self) -> Mapping[str, Any]:
-        """Carry out the run as far as that is possible; return what is told of its end.
+        """Carry out the run as far as possible; return the message of its end.
 
         Raises
         ------
@@ -170,7 +176,7 @@ class RunController:
     def _complete_run(
         self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
     ) -> Mapping[str, Any]:
-        """Have done what is left of a run; return what is told of its end."""
+        """Carry out the rest of a run; return the message of its end."""
         live = None
         if journal.header().state != "carried out":
             try:
@@ -185,7 +191,7 @@ class RunController:
         return ending.complete_run(live)
 
     def _read_plan(self) -> Run:
-        """Return the run file that is wanted, and tell what is in it."""
+        """Return the requested run file, and publish its plan."""
         order, clock = self._order, self._order.clock
         if order.plan is not None:
             run = read(order.plan)
@@ -206,7 +212,9 @@ class RunController:
         if wanted is None:
             return DeviceAddresses(order.table, order.imu, order.clock)
         self._publish_phase(STARTUP_MESSAGE)
-        bench = opened.enter_context(start_bench_simulator(run, wanted.seed, wanted.preset))
+        bench = opened.enter_context(
+            start_bench_simulator(run, wanted.seed, wanted.preset, self._publish_compilation)
+        )
         self._compiled = True
         if order.plan is None:
             _advance_past_log(bench, self._folder)
@@ -215,7 +223,7 @@ class RunController:
         return bench.addresses
 
     def _open_folder(self, run: Run, addresses: DeviceAddresses) -> tuple[RunFolder, Journal]:
-        """Return the run's folder and its journal, both made if need be."""
+        """Return the run's folder and its journal; create them if necessary."""
         order = self._order
         if order.plan is None:
             return reopen_run(self._folder, addresses)
@@ -229,11 +237,11 @@ class RunController:
     def _execute_plan(
         self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
     ) -> LiveEstimator | None:
-        """Have the plan carried out, or what is left of it; return what was found meanwhile."""
+        """Run the plan, or the rest of it; return the live estimate."""
         was = journal.header()
         if not self._compiled:
-            self._publish_phase("compiling what a run needs, once on each machine")
-            precompile_run(made.run, layout_of_address(was.imu))
+            with on_compilation(self._publish_compilation):
+                precompile_run(made.run, layout_of_address(was.imu))
         self._publish_phase("connecting to table and IMU")
 
         def show(run: BenchRun) -> None:
@@ -254,12 +262,15 @@ class RunController:
         for words in self._control.take_notes():
             journal.record_event(NOTE_LEVEL, words, time)
 
+    def _publish_compilation(self) -> None:
+        self._publish_phase(COMPILATION_MESSAGE)
+
     def _publish_phase(self, words: str) -> None:
         self._publisher.publish("phase", run=self._order.name, words=words)
 
     def _filter_text(self, changes: Mapping[str, str]) -> str:
         listed = "; ".join(f"{key} {text or 'as by default'}" for key, text in changes.items())
-        return f"{self._by} has set on the page: {listed}"
+        return f"{self._by} changed on the page: {listed}"
 
     def _start_text(self, bench: SimulationRequest | None) -> str:
         what = "begun" if self._order.plan is not None else "resumed"
@@ -290,13 +301,13 @@ class _RunFinalizer:
         self.register_sync = RegisterSync(self._register, made.path)
 
     def interruption_message(self, words: str) -> EndMessage:
-        """Return what is told of a run that may go on later."""
+        """Return the end message of a run that can be resumed."""
         return end_message(
             self._order, "interrupted", words or "interrupted", history=self._enter_in_register()
         )
 
     def complete_run(self, live: LiveEstimator | None) -> EndMessage:
-        """Make recording, calibration and report; return what is told of them."""
+        """Write recording, calibration and report; return the end message."""
         sensor = self._folder.run.sensor.name
         try:
             outcome, _ = finish_run(
@@ -326,7 +337,7 @@ class _RunFinalizer:
         )
 
     def _enter_in_register(self) -> str | None:
-        """Enter the run as it is; return where its sensor's history is, if it has one."""
+        """Enter the run in the register; return the address of its sensor's history, if any."""
         self.register_sync.update()
         if self.register_sync.trouble:
             self._journal.record_event("warning", self.register_sync.trouble)
@@ -352,7 +363,7 @@ def _simulation_request(order: RunRequest) -> SimulationRequest | None:
 
 
 def _advance_past_log(bench: BenchSimulator, folder: Path) -> None:
-    """Let pass the time that the log of a run has, as if the bench had gone on meanwhile.
+    """Advance the simulated bench past the end of a run's log.
 
     Raises
     ------
@@ -375,7 +386,7 @@ def _advance_past_log(bench: BenchSimulator, folder: Path) -> None:
 
 
 def main() -> int:
-    """Carry out the order; return the status to exit with."""
+    """Carry out the request; return the exit status."""
     control = CommandRelay()
 
     def hear(lines: LineReader) -> None:

@@ -1,4 +1,4 @@
-"""The frame of a process that drives the bench for the page: a run, or a session by hand.
+"""The main function of a process that drives the bench: a run or a manual session.
 
 The first line of standard input is the request; commands follow, one a line. Messages go to
 standard output, the last of them is the end.
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 
 class DroppingQueue(Generic[T]):
-    """A queue in order, of which the oldest droppable items are dropped where nobody takes them.
+    """A queue that drops its oldest droppable items if nobody takes them.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class DroppingQueue(Generic[T]):
         self._waiting: deque[tuple[bool, T]] = deque()
 
     def put(self, one: T, *, must_keep: bool) -> None:
-        """Have an item wait; one that must not be kept is droppable."""
+        """Add an item; it is droppable unless it must be kept."""
         self._waiting.append((must_keep, one))
         self._droppable_count += not must_keep
         if self._droppable_count > self._max_droppable:
@@ -52,7 +52,7 @@ class DroppingQueue(Generic[T]):
             self._droppable_count -= 1
 
     def take(self) -> T | None:
-        """Return what has waited longest; None where nothing does."""
+        """Return the oldest item; None if the queue is empty."""
         if not self._waiting:
             return None
         must_keep, one = self._waiting.popleft()
@@ -77,14 +77,14 @@ class Publisher(Closeable):
         Thread(target=self._write, name="publisher", daemon=True).start()
 
     def publish(self, kind: str, **content: object) -> None:
-        """Have a message written, if somebody reads; never waits."""
+        """Queue a message for writing, if somebody reads; never waits."""
         with self._changed:
             if not self._closed:
                 self._queue.put((kind, content), must_keep=kind not in DROPPABLE_KINDS)
                 self._changed.notify_all()
 
     def close(self, patience: float = 5.0) -> None:
-        """Wait until all is written, or `patience` s; a second time does nothing."""
+        """Wait until everything is written, at most `patience` s; a second call does nothing."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -127,13 +127,13 @@ R = TypeVar("R", bound=ProcessRequest)
 
 
 class LineReader:
-    """Lines of a descriptor, one by one; a line is complete or none."""
+    """Reads complete lines from a descriptor, one by one."""
 
     def __init__(self, descriptor: int):
         self._descriptor, self._buffer = descriptor, b""
 
     def next_line(self) -> str | None:
-        """Return the next line, when it is there; None at the end."""
+        """Return the next line, once it is complete; None at the end."""
         while b"\n" not in self._buffer:
             try:
                 data = os.read(self._descriptor, _MAX_LINE)
@@ -152,7 +152,7 @@ def serve_request(
     hear: Callable[[LineReader], object],
     interrupt: Callable[..., object],
 ) -> Mapping[str, Any] | None:
-    """Carry out the request of standard input; return its end, which was published.
+    """Carry out the request on standard input; return its end message, which was published.
 
     Parameters
     ----------
