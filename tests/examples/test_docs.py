@@ -428,4 +428,4 @@ def test_the_estimator_on_the_page_of_a_method_of_ones_own_is_judged_as_it_says(
         verdict = calibrate(run).verdict
     assert verdict.grade == "unreliable"
     (printed,) = re.findall(r"```text\n(the best .*?)```", page("how-to/own-method.md"), flags=re.S)
-    assert " ".join(printed.split()) in verdict.lines
+    assert " ".join(printed.split()) in verdict.statements
