@@ -616,7 +616,7 @@ def test_the_laboratory_s_table_gives_what_its_page_says(tmp_path: Path):
     assert any("δ_b − δ_a, is -44.997 ± 0.077 ″" in line for line in outcome.calibration.notes)
     text = (folder / "lab.toml").read_text(encoding="utf-8")
     (folder / "alone.toml").write_text(text[: text.index("[method.prior_from")], encoding="utf-8")
-    told = " ".join(calibrate(folder / "alone.toml").verdict)
+    told = " ".join(calibrate(folder / "alone.toml").calibration.notes)
     page = (ROOT / "docs" / "how-to" / "dividing-head.md").read_text(encoding="utf-8")
     (line,) = (block for block in page.split("```") if block.startswith("text\n· k1 + K3"))
     assert " ".join(line.removeprefix("text\n· ").split()) in told

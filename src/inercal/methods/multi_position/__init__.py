@@ -330,7 +330,7 @@ def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, .
         return ()
     explained = 100 * (1 - with_it / alone)
     text = (
-        f"the rates at rest follow gravity ({explained:.0f} % of their scatter): the gyros are "
+        f"The rates at rest follow gravity ({explained:.0f} % of their scatter), so the gyros are "
         "sensitive to acceleration"
     )
     return (Finding("note", "g", text, changes=(Change("method", "also", ("g",)),)),)
