@@ -98,7 +98,7 @@ def test_xsens_sensitivity_to_acceleration_explains_its_gyros(folder: Path):
 
 
 def test_xsens_result_asks_for_the_sensitivity_to_acceleration(xsens: Outcome):
-    assert any('also = ["g"]' in line for line in xsens.verdict)
+    assert any('also = ["g"]' in line for line in xsens.verdict.lines)
 
 
 def test_mpu9150_accelerometers_agree_with_the_published(folder: Path):

@@ -171,6 +171,7 @@ def test_a_verdict_survives_json() -> None:
     assert written["rounding"][0]["channel"] == "gx"
     assert written["advice"]
     assert all(set(each) == {"reason", "changes", "action", "chi2"} for each in written["advice"])
-    read = recorded_verdict(VerdictRecord.model_validate(written), one.lines)
+    read = recorded_verdict(VerdictRecord.model_validate(written), ())
     assert verdict_object(read) == written
     assert (read.grade, read.lines, read.reasons) == (one.grade, one.lines, one.reasons)
+    assert (read.explanation, read.warned) == (one.explanation, one.warned)

@@ -23,6 +23,7 @@ from tests.benches.generated_runs import (
     state_means,
     write_run,
 )
+from tests.calibration.short_lines import require_short
 from tests.external_bench import register_example_bench
 
 from inercal.calibration.files import load, save
@@ -57,7 +58,11 @@ def require_rule(outcome: Outcome) -> None:
     verdict, estimate = outcome.verdict, outcome.estimate
     best = verdict.best
     warned = any(one.severity == "warning" for one in outcome.findings)
-    scores = any(reason.startswith(("suspect", "score tests")) for reason in verdict.reasons)
+    scores = any(
+        reason == "no single cause explains the residuals"
+        or reason.startswith("the residuals point to")
+        for reason in verdict.reasons
+    )
     rejected = any(test.adjusted < LEVEL for test in verdict.tests) or scores
     bad = (rejected and verdict.scatter > MOST_SCATTER) or (
         best is not None and best.shift > MOST_SHIFT
@@ -73,8 +78,9 @@ def require_rule(outcome: Outcome) -> None:
         ratios = [float(estimate.chi2 / estimate.dof) ** 0.5]
     assert verdict.scatter == pytest.approx(max([1.0, *ratios]))
     if verdict.grade == "consistent":
-        assert "but the residuals are larger" not in verdict.lines[0]
-    assert len(set(verdict.lines)) == len(verdict.lines)
+        assert "times as large" not in verdict.lines[0]
+    require_short(verdict)
+    assert len(set(verdict.statements)) == len(verdict.statements)
     assert len(set(verdict.reasons)) == len(verdict.reasons)
     assert all(one.factor > 0 for one in verdict.noise)
 

@@ -5,6 +5,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
+from inercal.calibration.explanation import UNCERTAINTIES
 from inercal.calibration.verdict import verdict
 from inercal.estimation import Estimate
 from inercal.physics.sensors import G0, Sensor, imu, triad
@@ -37,70 +38,74 @@ def estimate(sensor: Sensor, chi2: float, dof: int, sd: float = 50e-6, **values:
 
 
 def test_consistent_data_are_said_to_agree():
-    summary, *others = verdict(estimate(SENSOR, 10.5, 12), SENSOR, ())
-    assert summary.startswith(
-        "6 coefficients estimated; the data agree with the stated noise and bench"
+    found = verdict(estimate(SENSOR, 10.5, 12), SENSOR, ())
+    first, *others = found.lines
+    assert first == (
+        "Consistent: the data agree with the stated noise and bench (χ² = 10.5 with 12 degrees of "
+        "freedom)."
     )
-    assert "χ² = 10.5 with 12 degrees of freedom" in summary
-    assert "p = 0.57" in summary  # P(χ²₁₂ > 10.5) = 0.572
     assert len(others) == 1
+    # P(χ²₁₂ > 10.5) = 0.572
+    assert any("p = 0.57" in line for line in found.statements)
 
 
 def test_inconsistent_data_enlarge_all_uncertainties_by_the_birge_ratio():
-    found = estimate(SENSOR, 48.0, 12)
-    summary, leading = verdict(found, SENSOR, ())
-    assert "residuals are larger than noise and bench allow" in summary
-    assert f"scaled by {sqrt(48 / 12):.2f}" in summary
+    found = verdict(estimate(SENSOR, 48.0, 12), SENSOR, ())
+    assert found.lines[0].startswith("Usable with reservations: the residuals are too large")
+    assert any(f"multiplied by {sqrt(48 / 12):.2f}" in line for line in found.statements)
     # 50 µg and 50 ppm, times the Birge ratio of 2, times k = 2.
-    assert "accelerometer bias 200 µg" in leading
-    assert "accelerometer scale 200 ppm" in leading
+    assert "Largest U (k = 2): bias 200 µg; scale factor 200 ppm." in found.lines
 
 
 @pytest.mark.parametrize(("chi2", "agrees"), [(21.0, True), (21.1, False)])
 def test_the_line_is_drawn_at_95_per_cent(chi2: float, agrees: bool):
     # The 95 % point of χ² with 12 degrees of freedom is 21.026.
-    summary = verdict(estimate(SENSOR, chi2, 12), SENSOR, ())[0]
-    assert ("data agree" in summary) is agrees
+    said = verdict(estimate(SENSOR, chi2, 12), SENSOR, ())
+    assert ("data agree" in said.lines[0]) is agrees
 
 
 def test_the_least_known_of_each_group_is_stated_with_k_2():
     whole = imu().with_coefficients("bias", "scale", "misalignment", "g")
     found = estimate(whole, 10.0, 12)
     found.covariance[whole.coefficients.index("ay.k0")] *= 9.0
-    leading = verdict(found, whole, ())[1]
-    assert leading.startswith("expanded uncertainties (k = 2) are at most: ")
-    assert "accelerometer bias 300 µg" in leading
-    assert "accelerometer scale 100 ppm" in leading
-    assert "gyro scale 100 ppm" in leading
-    assert leading.count(", ") == 6  # seven groups
+    said = verdict(found, whole, ())
+    (line,) = [line for line in said.lines if line.startswith("Largest U")]
+    assert "bias 300 µg, " in line
+    (section,) = [one for one in said.explanation if one.heading == UNCERTAINTIES]
+    assert "accelerometer bias: 300 µg" in section.lines
+    assert "accelerometer scale factor: 100 ppm" in section.lines
+    assert "gyro scale factor: 100 ppm" in section.lines
+    assert len(section.lines) == 7
 
 
 def test_closed_formulas_have_nothing_left_to_test_with():
-    (summary,) = verdict(estimate(SENSOR, 0.0, 0), SENSOR, ())
-    assert "this estimator makes no test of how well the data agree" in summary
+    said = verdict(estimate(SENSOR, 0.0, 0), SENSOR, ())
+    assert "this estimator makes no test of how well the data agree" in said.lines[0]
 
 
-@pytest.mark.parametrize(("k1", "times"), [(-2.0, "-1"), (-0.6, "0.4"), (1.5, "2.5")])
+@pytest.mark.parametrize(("k1", "times"), [(-2.0, "−1.0"), (-0.6, "0.40"), (1.5, "2.5")])
 def test_a_reversed_axis_or_a_wrong_scale_is_named(k1: float, times: str):
-    lines = verdict(estimate(SENSOR, 10.0, 12, ay_k1=k1), SENSOR, ())
-    (line,) = [line for line in lines if "nominal:" in line]
-    assert line.startswith(f"ay.k1 is {times} times nominal: ")
-    assert ("reversed" in line) == (k1 < -1)
+    said = verdict(estimate(SENSOR, 10.0, 12, ay_k1=k1), SENSOR, ())
+    assert said.lines[0] == (
+        f"Not to be relied on: the scale factor of the y accelerometer is {times} times nominal."
+    )
+    assert ("reversed" in said.lines[1]) == (k1 < -1)
 
 
 def test_a_reversed_gyro_is_named():
     sensor = imu().with_coefficients("bias", "scale")
-    lines = verdict(estimate(sensor, 10.0, 12, gz_scale=-2.0), sensor, ())
-    assert [line for line in lines if line.startswith("gz.scale is -1 times nominal")]
+    said = verdict(estimate(sensor, 10.0, 12, gz_scale=-2.0), sensor, ())
+    assert "the scale factor of the z gyro is −1.0 times nominal" in said.reasons
 
 
 def test_ordinary_scale_errors_and_large_biases_say_nothing():
     found = estimate(SENSOR, 10.0, 12, ax_k1=0.3, ay_k1=-0.3, az_k0=-3 * G0)
-    assert not [line for line in verdict(found, SENSOR, ()) if "nominal:" in line]
+    assert not [line for line in verdict(found, SENSOR, ()).statements if "nominal" in line]
 
 
 def test_warnings_are_repeated_and_notes_are_not():
     findings = (Finding("warning", "gap", "a gap"), Finding("note", "jitter", "some jitter"))
-    lines = verdict(estimate(SENSOR, 10.0, 12), SENSOR, findings)
-    assert "a gap" in lines
-    assert "some jitter" not in lines
+    said = verdict(estimate(SENSOR, 10.0, 12), SENSOR, findings)
+    assert "a gap" in said.statements
+    assert said.warned == ("gap",)
+    assert "some jitter" not in said.statements

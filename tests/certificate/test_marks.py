@@ -54,10 +54,12 @@ def simulated(laboratory: Laboratory) -> None:
 
 
 def out_of_control(laboratory: Laboratory) -> None:
-    reason = f"a check warns: {CHECK_STANDARD}"
+    reason = "the check standard is out of control"
     change_calibration(
         laboratory,
-        verdict=lambda old: old | {"grade": "reservations", "reasons": [reason]},
+        verdict=lambda old: (
+            old | {"grade": "reservations", "reasons": [reason], "warned": [CHECK_STANDARD]}
+        ),
         conditions=lambda old: old | {CHECK_STANDARD: "REF-1: out of control on 2026-11-20"},
     )
 

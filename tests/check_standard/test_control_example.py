@@ -55,8 +55,8 @@ def test_the_page_of_the_charts_is_whole(example: Path):
 def test_a_run_while_the_bench_was_out_of_control_is_marked(example: Path):
     outcome = calibrate(example / "job.toml")
     assert outcome.verdict.grade == "reservations"
-    assert "a check warns: check standard" in outcome.verdict.reasons
-    line = next(one for one in outcome.verdict.lines if one.startswith("check standard REF-1"))
+    assert "check standard" in outcome.verdict.warned
+    line = next(one for one in outcome.calibration.notes if one.startswith("check standard REF-1"))
     assert "out of control on 2026-03-28" in line
     assert "doubtful since 2026-03-25" in line
     assert outcome.calibration.conditions["check standard"].startswith("REF-1: out of control")

@@ -15,11 +15,12 @@ from tests.evidence.visibility_model import Files
 from inercal.basics.errors import InercalError
 from inercal.calibration.additions import Addition
 from inercal.calibration.detectability import undetectable_causes
+from inercal.calibration.explanation import UNDETECTABLE
 from inercal.pipeline import Outcome, calibrate
 
 Grade = Literal["consistent", "reservations", "unreliable", "refused"]
 TOTAL = "χ²"  # of the estimate, among its groups of residuals
-_LIMIT = ("cannot show", "do not show", "show neither")
+_LIMIT = ("cannot detect", "not detectable")
 _CHANGE = re.compile(r"change within (.+) \((\w+)\)")
 _DRIFT = re.compile(r"drift common to all sections \((\w+)\)")
 
@@ -45,7 +46,7 @@ class GradedCalibration:
     chi : float
         Norm of the whitened residual.
     limits : tuple of str
-        The verdict's lines that say what the data cannot tell.
+        The statements of the verdict that say what the data cannot tell.
     unseen : mapping of str to float
         Coefficients of which they say a size that shifts another by 5 u, and that size, SI.
     errors : mapping of str to float
@@ -98,7 +99,12 @@ def calibrate_files(
     chi = float(np.sqrt(np.sum(outcome.estimate.chi2)))
     nees, verdict = _nees(outcome, truth), outcome.verdict
     sizes = {one.component: one.size for one in undetectable_causes(outcome.estimate, found.sensor)}
-    limits = tuple(line for line in verdict.lines if any(word in line for word in _LIMIT))
+    limits = tuple(
+        line
+        for heading, lines in verdict.explanation
+        for line in lines
+        if heading == UNDETECTABLE or any(word in line for word in _LIMIT)
+    )
     errors = {
         name: (value - truth.get(name, 0.0)) / std[name]
         for name, value in zip(std, found.values.tolist(), strict=True)

@@ -438,5 +438,5 @@ def test_the_estimator_on_the_page_of_a_method_of_ones_own_is_judged_as_it_says(
         write_recordings({run.file(name): made for name, made in simulate_files(run).items()})
         verdict = calibrate(run).verdict
     assert verdict.grade == "unreliable"
-    (printed,) = re.findall(r"```text\n(the best .*?)```", page("how-to/own-method.md"), flags=re.S)
-    assert " ".join(printed.split()) in verdict.lines
+    (printed,) = re.findall(r"```text\n(The best .*?)```", page("how-to/own-method.md"), flags=re.S)
+    assert " ".join(printed.split()) in verdict.statements

@@ -120,7 +120,7 @@ def test_a_run_of_a_frozen_host_has_the_result_of_one_that_was_not(
     freezes = {"y down": 12.0, "y+": 5.0, "z+": 30.0}
     frozen = calibrated(tmp_path / "frozen", run, monkeypatch, freezes)
     require_agreement(frozen.calibration, unbroken.calibration)
-    assert sum("the run was interrupted 3 times" in line for line in frozen.verdict.lines) == 1
+    assert sum("the run was interrupted 3 times" in line for line in frozen.calibration.notes) == 1
     assert frozen.verdict.reasons == unbroken.verdict.reasons == ()
     marked = interruptions(tmp_path / "frozen")
     assert [why.split(" for ")[0] for _, _, why in marked] == ["the host stood still"] * 3

@@ -465,7 +465,7 @@ def gravity_lines(gravity_sd: float, positions: int = 24) -> list[str]:
     seen = observed(record(mems(rng), replace(SESSION, positions=positions), rng), sensor)
     bench = replace(BENCH, gravity=Measured(SESSION.gravity, gravity_sd))
     notes = METHOD.estimator("joint")(seen, sensor, bench, ()).notes
-    return [note for note in notes if "gravity, ±" in note or "is known poorly" in note]
+    return [note for note in notes if "comes from gravity" in note or "These attitudes" in note]
 
 
 def test_scale_factors_that_gravity_limits_ask_for_a_better_gravity():

@@ -136,7 +136,7 @@ def test_coefficients_that_polishing_takes_beyond_the_bounds_are_named():
     narrow = SearchOptions(Bounds(scale=1e-3, cross=0.5, bias=0.5), seed=1)
     estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=narrow)
     last = estimate.notes[-1]
-    assert last.startswith("warning: beyond the bounds of the search: S")
+    assert last.startswith("Warning: beyond the bounds of the search: S")
     assert "(±0.1 %)" in last
     assert "Axp" not in last
     wide = global_(given.seen, SENSOR, given.bench, given.steps, options=SearchOptions(seed=1))

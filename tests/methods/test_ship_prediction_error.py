@@ -50,12 +50,10 @@ def test_it_is_said_beside_the_residuals():
     given = case(1, 1)
     found = one(ESTIMATORS["damped"](given.seen, SENSOR, given.bench, given.steps), 0)
     text = prediction_note(SENSOR, found, FASTEST, RADIUS, G0)
-    assert text.startswith(
-        "on fresh poses, in any attitude at up to 86 r/min, the corrected vector"
-    )
+    assert text.startswith("In new poses, at any attitude and up to 86 r/min, the corrected vector")
     framed = replace(SENSOR, frame="symmetric")
     found = one(ESTIMATORS["damped"](given.seen, framed, given.bench, given.steps), 0)
-    assert "vector, in the symmetric frame, is off by" in prediction_note(
+    assert "vector, in the symmetric frame, is wrong by" in prediction_note(
         framed, found, FASTEST, RADIUS, G0
     )
     assert np.linalg.norm(pose_forces(FASTEST, RADIUS, G0), axis=-1).max() < 2.4 * G0

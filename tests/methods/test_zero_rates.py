@@ -67,7 +67,7 @@ def test_a_bias_beyond_data_sheets_is_a_warning_that_names_axis_and_column(
     assert "gx (column gyr_x)" in message
     assert f"{abs(bias):.0f} °/s" in message
     assert "gy" not in message.split("but")[0].replace("gyr", "")
-    assert message in outcome.verdict.lines
+    assert message in outcome.calibration.notes
     assert outcome.verdict.grade == "reservations"
     assert outcome.calibration.value("gx.bias") == pytest.approx(np.radians(bias), rel=1e-3)
 

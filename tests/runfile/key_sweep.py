@@ -237,7 +237,7 @@ def result(outcome: Outcome) -> Result:
         calibration.values,
         calibration.covariance,
         f"{calibration.frame} {calibration.sensor.form}",
-        frozenset(outcome.verdict) | {finding.message for finding in outcome.findings},
+        frozenset(outcome.calibration.notes) | {finding.message for finding in outcome.findings},
     )
 
 

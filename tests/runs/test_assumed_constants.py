@@ -41,9 +41,9 @@ def test_half_a_unit_of_the_last_digit_counts_as_if_it_were_stated(tmp_path: Pat
         standard_uncertainty(assumed), standard_uncertainty(stated), rtol=1e-6
     )
     assert (standard_uncertainty(assumed) > standard_uncertainty(exact)).any()
-    (line,) = [line for line in assumed.verdict.lines if "without ±" in line]
+    (line,) = [line for line in assumed.calibration.notes if "without ±" in line]
     assert "gravity" in line
-    assert not any("without ±" in x for one in (stated, exact) for x in one.verdict.lines)
+    assert not any("without ±" in x for one in (stated, exact) for x in one.calibration.notes)
 
 
 def test_an_assumed_part_larger_than_the_rest_is_refused_and_named(tmp_path: Path):
@@ -125,7 +125,7 @@ def test_an_uncertain_gravity_may_be_farther_off(tmp_path: Path):
 def test_the_comparison_is_in_the_outcome(tmp_path: Path):
     place = 'gravity = "9.81 m/s² ± 0.2 mm/s²"\nlatitude = "10 °"'
     outcome = calibrate_with_gravity(tmp_path, place)
-    assert any("normal gravity at 10°" in line for line in outcome.verdict.lines)
+    assert any("normal gravity at 10°" in line for line in outcome.calibration.notes)
 
 
 def test_noise_far_from_its_stated_value_is_reported(tmp_path: Path):

@@ -179,8 +179,8 @@ def test_without_an_external_k3_the_sum_k1_plus_k3_is_reported_with_a_reason(tmp
     table.write(tmp_path)
     kip = PRIORS[: PRIORS.index('"a.k3"')]
     outcome = calibrate(run_file(tmp_path, more=kip))
-    (line,) = (line for line in outcome.verdict if line.startswith("k1 + K3 g²"))
-    assert "without a prior of K3" in line
+    (line,) = (line for line in outcome.calibration.notes if line.startswith("k1 + K3 g²"))
+    assert "Without a prior of K3" in line
     names, g2 = ("a.k1", "a.k3"), G0**2
     both = outcome.estimate.select(names)
     to = np.array([1.0, g2])
@@ -188,8 +188,10 @@ def test_without_an_external_k3_the_sum_k1_plus_k3_is_reported_with_a_reason(tmp
     sd = float(np.sqrt(to @ both.covariance @ to))
     assert sd < 0.2e-6 < 5e-6 < float(both.std[0])
     assert abs(error) < 4 * sd
-    wide = next(s for s in calibrate(run_file(tmp_path)).verdict if s.startswith("k1 + K3 g²"))
-    assert "the prior of K3 separates them" in wide
+    wide = next(
+        s for s in calibrate(run_file(tmp_path)).calibration.notes if s.startswith("k1 + K3 g²")
+    )
+    assert "The prior of K3 separates them" in wide
 
 
 def test_one_accelerometer_alone_is_as_good_as_the_head(tmp_path: Path):
@@ -335,7 +337,7 @@ def test_a_pair_without_its_other_position_is_refused(tmp_path: Path):
     refused_run(run, "180°", key="[bench] autocollimation", names=("pass 1",))
     rows = [k for k in range(24) if k != 6]
     outcome = calibrate(table.write(tmp_path, rows))
-    assert any(line.endswith("pass 1 has no 180°") for line in outcome.verdict)
+    assert any(line.endswith("pass 1 has no 180°") for line in outcome.calibration.notes)
     assert nees(outcome, table.error(outcome)) < 1 + 5 * np.sqrt(2 / 12)
 
 
@@ -514,15 +516,19 @@ def test_a_row_that_stands_alone_is_named(tmp_path: Path, slip: str):
         table.columns["read"][6] += 0.9
     table.write(tmp_path)
     column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
-    verdict = calibrate(run_file(tmp_path, column)).verdict
-    (line, *more) = [line for line in verdict if "are one position" in line]
+    notes = calibrate(run_file(tmp_path, column)).calibration.notes
+    (line, *more) = [line for line in notes if "are one position" in line]
     first = "210° forward" if slip == "a digit" else "180° forward"
     assert line.startswith(first)
     assert not more
     table.columns["read"][6] = 0.0
     table.columns["A"] = Table(3).columns["A"]
     table.write(tmp_path)
-    assert not [line for line in calibrate(run_file(tmp_path, column)).verdict if "are one" in line]
+    assert not [
+        line
+        for line in calibrate(run_file(tmp_path, column)).calibration.notes
+        if "are one" in line
+    ]
 
 
 def test_a_position_brought_back_by_the_autocollimator_may_differ_as_stated(tmp_path: Path):
@@ -533,8 +539,8 @@ def test_a_position_brought_back_by_the_autocollimator_may_differ_as_stated(tmp_
         table.columns["read"][6] = size
         table.write(tmp_path)
         column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
-        verdict = calibrate(run_file(tmp_path, column)).verdict
-        assert any(line.startswith("180° forward and") for line in verdict) == named
+        notes = calibrate(run_file(tmp_path, column)).calibration.notes
+        assert any(line.startswith("180° forward and") for line in notes) == named
 
 
 def test_an_angle_that_is_no_number_is_refused(tmp_path: Path):
@@ -607,10 +613,10 @@ def test_the_laboratory_s_table_gives_what_its_page_says(tmp_path: Path):
             error = calibration.value(name) - value * 1e-6 * SCALE[term]
             assert abs(error) < 3 * calibration.uncertainty(name)
             assert calibration.uncertainty(name) < 0.45e-6 * SCALE[term]
-    assert any("δ_b − δ_a, is -44.997 ± 0.077 ″" in line for line in outcome.verdict)
+    assert any("δ_b − δ_a, is -44.997 ± 0.077 ″" in line for line in outcome.calibration.notes)
     text = (folder / "lab.toml").read_text(encoding="utf-8")
     (folder / "alone.toml").write_text(text[: text.index("[method.prior_from")], encoding="utf-8")
-    told = " ".join(calibrate(folder / "alone.toml").verdict)
+    told = " ".join(calibrate(folder / "alone.toml").calibration.notes)
     page = (ROOT / "docs" / "how-to" / "dividing-head.md").read_text(encoding="utf-8")
     (line,) = (block for block in page.split("```") if block.startswith("text\n· k1 + K3"))
     assert " ".join(line.removeprefix("text\n· ").split()) in told

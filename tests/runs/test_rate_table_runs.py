@@ -58,7 +58,9 @@ def test_the_example_gives_its_accelerometer(tmp_path: Path):
     calibration = outcome.calibration
     assert outcome.estimate.consistent
     assert calibration.conditions["lean at rest, two components (k = 1)"] == "0.05 °"
-    assert any(line.startswith("on fresh poses, in any attitude at") for line in outcome.verdict)
+    assert any(
+        line.startswith("In new poses, at any attitude") for line in outcome.calibration.notes
+    )
     for k, axis in enumerate("xyz"):
         for name, true in ((f"a{axis}.k1", SCALE[k]), (f"a{axis}.k0", BIAS[k] * G0)):
             assert abs(calibration.value(name) - true) < 3.5 * calibration.uncertainty(name)
@@ -76,7 +78,7 @@ def test_the_example_gives_its_accelerometer(tmp_path: Path):
 def test_norm_estimators_name_the_free_directions(tmp_path: Path, estimator: str):
     outcome = estimate_example(tmp_path, estimator)
     write_report(outcome, tmp_path / "ship.html")
-    said = " ".join(outcome.verdict)
+    said = " ".join(outcome.calibration.notes)
     assert ("rotation of the triad about x" in said) == (estimator in ("damped", "global"))
     joint = calibrate(write_changed_example(tmp_path)).calibration
     off = (outcome.calibration.values - joint.values) / outcome.calibration.std
@@ -236,7 +238,7 @@ def test_a_repeated_row_is_reported(tmp_path: Path):
     outcome = calibrate(write_changed_example(tmp_path, rows=lambda rows: [*rows, rows[3]]))
     (finding,) = outcome.findings
     assert (finding.severity, finding.what) == ("warning", "repeated")
-    assert finding.message in outcome.verdict
+    assert finding.message in outcome.calibration.notes
 
 
 def test_a_wrong_rate_unit_is_detected_by_the_norms(tmp_path: Path):

@@ -121,7 +121,7 @@ def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path):
     )
     assert (first.calibration.values == again.calibration.values).all()
     assert (first.calibration.values != other.calibration.values).all()
-    assert "generations of seed 3" in " ".join(first.verdict)
+    assert "generations of seed 3" in " ".join(first.calibration.notes)
     conditions = first.calibration.conditions
     assert conditions["search"] == "seed 3, goal 5 %, at most 20 s"
     assert conditions["bounds of the search"] == "scale ±10 %, cross ±10 %, bias ±0.2 g"

@@ -404,7 +404,9 @@ def test_the_source_estimator_states_the_information_of_its_last_rest(
         example_recording,
         ('"turntable_kalman"', '"turntable_kalman"\nestimator = "paper"'),
     )
-    (said,) = [line for line in calibrate(run).verdict if "the source's 0.004 °/min" in line]
+    (said,) = [
+        line for line in calibrate(run).calibration.notes if "the source's 0.004 °/min" in line
+    ]
     # 0.1 °/√h is 0.1 °/min in one second.
     found = re.search(r"over the last rest, (\d+\.?\d*) s, leaves u (0\.\d+) °/min", said)
     assert found is not None

@@ -197,7 +197,7 @@ def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
     left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
     if dof <= 0 or score.is_implausible or score.contradicts_statement:
         return False
-    if _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL:
+    if not left or _remaining_p_value(score_tests, score) >= SIGNIFICANCE_LEVEL:
         return True
     ratio = (score.chi2 / score.dof) / (left / dof)
     return (

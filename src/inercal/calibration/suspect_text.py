@@ -118,8 +118,10 @@ def suspect_lines(
     if one.kind == "time" and not one.changes:
         within = one.name.startswith(CHANGE_PREFIX)
         how = " from its first half to its second" if within else " from the first row to the last"
+    alone = len(one.components) == 1
     parts = [
-        f"{name}: {format_component(sensor, one.kind, name, size, sd, unit)}{how}"
+        ("" if alone else f"{name} ")
+        + f"{format_component(sensor, one.kind, name, size, sd, unit)}{how}"
         for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
         if np.isfinite(size) and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)
     ]
@@ -131,7 +133,7 @@ def suspect_lines(
     if one.name.startswith(_PRIOR_PREFIX):
         lines.append(f"The data depart from it by {size_words(one, sensor)}.")
     if parts:
-        lines.append(f"Its size (k = 1) would be {'; '.join(parts)}.")
+        lines.append(f"Its size would be {'; '.join(parts)} (k = 1).")
     lines.append(f"χ² would drop {_chi2_drop(one)}.")
     if one.shift > 0:
         shifted = coefficient_words(sensor, one.shifted_coefficient)

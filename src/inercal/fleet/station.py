@@ -157,8 +157,7 @@ def calibrate_arrival(
     results.open_writer(out).write([found])
     if found["status"] != results.DONE:
         return StationResult(row.id, False, found["error"])
-    summary = found["verdict"].partition("\n")[0]
-    reason = f"{found['grade']}: {summary}"
+    reason = found["verdict"].partition("\n")[0]
     limits = conformity_lines(parse(found["calibration"], str(path)))
     if limits:
         reason = f"{limits[min(1, len(limits) - 1)]}; {reason}"

@@ -84,9 +84,9 @@ def prediction_note(
     inside = float(np.sqrt(np.mean(estimate.residual**2))) / _MILLI_G
     frame = "" if sensor.frame == "mount" else f", in the {sensor.frame} frame,"
     return (
-        f"on fresh poses, in any attitude at up to {fastest * 30 / pi:.3g} r/min, the corrected "
-        f"vector{frame} is off by {format_value_and_uncertainty(0.0, error)[1]} mg (rms, k = 1); "
-        f"each residual in the sample is {format_value_and_uncertainty(0.0, inside)[1]} mg rms"
+        f"In new poses, at any attitude and up to {fastest * 30 / pi:.3g} r/min, the corrected "
+        f"vector{frame} is wrong by {format_value_and_uncertainty(0.0, error)[1]} mg (rms, k = 1). "
+        f"The residuals of this fit are {format_value_and_uncertainty(0.0, inside)[1]} mg rms."
     )
 
 
@@ -276,9 +276,9 @@ def planar(
         agreement,
         ship_consistency.bench_sensitivities(bench, steps, whole),
         notes=(
-            *([f"estimator planar does not use the {tilted} tilted states"] if tilted else []),
-            "the frame is that of the mountings' nominal axes; the uncertainties include the "
-            "effects of pose, seat, speed and lean",
+            *([f"Estimator planar does not use the {tilted} tilted states."] if tilted else []),
+            "The frame is that of the mountings' nominal axes. The uncertainties include the "
+            "effects of pose, seat, speed and lean.",
         ),
     )
     require_observed(estimate, sensor, missing=())

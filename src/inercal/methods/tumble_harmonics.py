@@ -212,6 +212,6 @@ def folding_notes(angle: Array) -> tuple[str, ...]:
         return ()
     n = len(distinct_angles(angle)[0])
     return (
-        f"with {n} positions {'; '.join(folded)}: coefficients that were not chosen may falsify "
-        "those that were",
+        f"With {n} positions {'; '.join(folded)}. Coefficients that are not estimated may "
+        "therefore distort those that are.",
     )

@@ -77,8 +77,8 @@ def uncounted_notes(
             else "it does not act in this run"
         )
         lines.append(
-            f"qualification {file}: the uncertainty of {', '.join(left_out)} is not in U, because "
-            f"{reason}; its values correct the bench"
+            f"Qualification {file}: the uncertainty of {', '.join(left_out)} is not in U, because "
+            f"{reason}. Its values do correct the bench."
         )
     return tuple(lines)
 

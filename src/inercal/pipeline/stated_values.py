@@ -50,7 +50,7 @@ def find_assumed_constants(expected: Mapping[str, Parameter]) -> dict[str, tuple
 
 def constant_notes(bench: Bench, assumed: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
     """Return a line for each constant without "±": the uncertainty that was used."""
-    return tuple(f"{_describe_constant(bench, key)}; state ± to replace it" for key in assumed)
+    return tuple(f"{_describe_constant(bench, key)}. State ± to replace it." for key in assumed)
 
 
 def _describe_constant(bench: Bench, key: str) -> str:
@@ -60,8 +60,8 @@ def _describe_constant(bench: Bench, key: str) -> str:
     unit = _CONSTANT_UNITS[key]
     u = format_value_and_uncertainty(0.0, widest.sd / si_factor(unit))[1]
     return (
-        f"{key} {format_quantity(widest.value, 0.0, unit)} is stated without ±: half a unit of its "
-        f"last digit is taken, u = {u} {unit}"
+        f"{key} {format_quantity(widest.value, 0.0, unit)} is stated without ±, so half a unit of "
+        f"its last digit is taken as its uncertainty: u = {u} {unit}"
     )
 
 

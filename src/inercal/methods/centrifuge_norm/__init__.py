@@ -50,17 +50,18 @@ from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
 from inercal.physics.plan import Attitude, Spin, Spins, arm_attitude
 from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding, Observations
 
 RATES = (2 * pi, 4 * pi, 6 * pi)
 TURNS = 10
 SIGN_NOTE = (
-    "norms show neither a reversed axis, whose k0 and k2 only change sign, nor two exchanged axes: "
-    "compare the sign of each axis with its attitude in one dwell"
+    "Norms cannot detect a reversed axis (only its k0 and k2 change their sign) or two exchanged "
+    "axes. Compare the sign of each axis with its attitude in one dwell."
 )
 LEVER_ARM_NOTE = (
-    "without [data] attitude norms do not show lever arms either: 1 µm on a radius of 1 m acts as "
-    "up to 1 ppm of k1, which U does not include"
+    "If no attitudes are given, norms cannot detect lever arms either: 1 µm on a radius of 1 m "
+    "acts as up to 1 ppm of k1, which U does not include."
 )
 
 
@@ -148,7 +149,7 @@ def ml(
     notes = [_observability_note(estimate)]
     if bench.indexing is None:
         known = all(step.attitude is not None for step in steps)
-        notes.append(SIGN_NOTE if known else f"{SIGN_NOTE}; {LEVER_ARM_NOTE}")
+        notes.append(SIGN_NOTE if known else f"{SIGN_NOTE} {LEVER_ARM_NOTE}")
     elif observations.mean.ndim == 2:
         notes.append(_attitude_gain_note(estimate, observations, sensor, bench, steps, priors))
     return replace(estimate, notes=(*notes, *estimate.notes))
@@ -168,13 +169,13 @@ def _attitude_gain_note(
         alone = least_squares(replace(norms, candidates=None))
         require_observed(alone, sensor, missing=())
     except NotObserved as error:
-        return f"the attitudes determine what norms leave free: {'; '.join(error.directions)}"
+        return f"The attitudes determine what norms cannot: {'; '.join(error.directions)}."
     p = len(sensor.coefficients)
     ratio = np.sqrt(np.diagonal(estimate.covariance)[:p] / np.diagonal(alone.covariance)[:p])
-    most = int(ratio.argmin())
+    words = coefficient_words(sensor, sensor.coefficients[int(ratio.argmin())])
     return (
-        f"known attitudes reduce the uncertainties to {ratio.min():.2g} to {ratio.max():.2g} of "
-        f"those from norms alone, most for {sensor.coefficients[most]}"
+        f"Because the attitudes are known, the uncertainties are {ratio.min():.2g} to "
+        f"{ratio.max():.2g} times those from norms only. The {words} gains most."
     )
 
 
@@ -183,9 +184,9 @@ def _observability_note(estimate: Estimate) -> str:
     singular = estimate.singular_values
     assert estimate.weakest is not None
     return (
-        f"the dwells determine {estimate.rank} of {len(estimate.wanted)} coefficients, scaled "
-        f"condition number {singular[0] / singular[-1]:.3g}; the least determined direction is "
-        f"{estimate.weakest.words}"
+        f"The dwells determine {estimate.rank} of {len(estimate.wanted)} coefficients; the scaled "
+        f"condition number is {singular[0] / singular[-1]:.3g}. The least determined direction is "
+        f"{estimate.weakest.words}."
     )
 
 

@@ -101,21 +101,21 @@ def notes(estimate: Estimate, bench: DividingHead, priors: Priors) -> tuple[str,
     result: list[str] = []
     if gains:
         known = {name for prior in priors for name in prior.names}
-        why = "the prior of K3 separates them"
+        why = "The prior of K3 separates them."
         if not {one.terms[1] for one in gains} <= known:
-            why = "without a prior of K3, only the stated errors of the head separate them"
+            why = "Without a prior of K3, only the stated errors of the head separate them."
         values = ", ".join(
             f"{CoefficientName(one.terms[0]).axis} {format_quantity(one.value, k * one.sd, 'ppm')}"
             for one in gains
         )
         result.append(
-            f"k1 + K3 g² is known better than k1 or K3 (k = 2): {values}; {why}; to know them "
-            "better, give K3 from a centrifuge or read a polygon face at every position"
+            f"k1 + K3 g² is known better than k1 or K3: {values} (k = 2). {why} To know both "
+            "better, give K3 from a centrifuge, or read a polygon face at every position."
         )
     result += [
-        f"the angle between the accelerometers, δ_b − δ_a, is "
-        f"{format_quantity(one.value, k * one.sd, '″')} (k = 2); their common angle is known no "
-        "better than the head's zero"
+        f"The angle between the accelerometers, δ_b − δ_a, is "
+        f"{format_quantity(one.value, k * one.sd, '″')} (k = 2). Their common angle cannot be "
+        "known better than the zero of the head."
         for one in sums
         if one not in gains
     ]

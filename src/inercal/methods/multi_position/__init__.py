@@ -56,6 +56,7 @@ from inercal.methods.residuals import norm_residuals
 from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.physics.plan import HandSteps
 from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding, Observations
 
 _MIN_IMPROVEMENT = 1.5  # times: less gain is not worth the hand's trouble
@@ -64,8 +65,8 @@ _SHARED = ("g", "timebase")  # parameters of the bench whose errors all coeffici
 _TEST_LEVEL = 1e-3  # that rates without a sensitivity look like it
 _MIN_PASSAGES = 5  # transitions: of fewer, the scatter says too little
 _SIGN_NOTE = (
-    "norms at rest show neither a reversed axis nor two exchanged axes: compare the sign of each "
-    "axis with its attitude in one rest"
+    "Norms at rest cannot detect a reversed axis or two exchanged axes. Compare the sign of each "
+    "axis with its attitude in one rest."
 )
 
 
@@ -158,7 +159,7 @@ def _remarks(fit: Fit[Hand, Any]) -> Remarks:
         return Remarks(findings, tuple(one.message for one in findings))
     late = gyro_delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)
     text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
-    note = f"the gyros' samples are {text} later than the accelerometers'"
+    note = f"The gyros' samples are {text} later than the accelerometers'."
     notes = (*(one.message for one in findings), note)
     return Remarks(findings, notes, {"delay of the gyros": text})
 
@@ -259,8 +260,9 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
         format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
     ]
     return (
-        f"{name} is known poorly: {attitudes_in_words(more)} would bring its U from "
-        f"{sizes_told[0]} to {sizes_told[1]} {line.unit}",
+        f"The uncertainty of the {coefficient_words(sensor, name)} is large. These attitudes would "
+        f"reduce its U from {sizes_told[0]} to {sizes_told[1]} {line.unit}: "
+        f"{attitudes_in_words(more)}.",
     )
 
 
@@ -287,10 +289,12 @@ def gravity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
         format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
     )
     u = format_value_and_uncertainty(0.0, COVERAGE * gravity.sd)[1]
+    words = coefficient_words(sensor, ", ".join(names), names)
     return (
-        f"gravity, ± {u} m/s², gives most of the U of {', '.join(names)}, which no attitude "
-        "reduces: state latitude and height, or measured gravity, in [bench]; with latitude and "
-        f"height the U of {sensor.coefficients[k]} falls from {before} to {after} {line.unit}",
+        f"Most of the U of the {words} comes from gravity (± {u} m/s²), so no further "
+        "attitude can reduce it. State latitude and height, or measured gravity, in [bench]. With "
+        f"latitude and height the U of {sensor.coefficients[k]} would drop from {before} to "
+        f"{after} {line.unit}.",
     )
 
 
@@ -327,7 +331,7 @@ def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, .
         return ()
     explained = 100 * (1 - with_it / alone)
     text = (
-        f"the rates at rest follow gravity ({explained:.0f} % of their scatter): the gyros are "
+        f"The rates at rest follow gravity ({explained:.0f} % of their scatter), so the gyros are "
         "sensitive to acceleration"
     )
     return (Finding("note", "g", text, changes=(Change("method", "also", ("g",)),)),)

@@ -89,8 +89,8 @@ def planar_norm(
         agreement,
         ship_consistency.bench_sensitivities(bench, steps, gain @ map_to),
         notes=(
-            "all directions are determined; the frame is that of the untilted mountings' nominal "
-            "axes",
+            "All directions are determined. The frame is that of the untilted mountings' nominal "
+            "axes.",
         ),
         converged=converged,
     )
@@ -178,11 +178,11 @@ def joint(
 
 def _state_note(estimate: Estimate, steps: Spins) -> str:
     """Return the note on what the states determine, what priors decided, and the frame."""
-    text = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
+    text = f"The states determine {estimate.rank} of {len(estimate.wanted)} coefficients."
     if left := [one.words for one in estimate.null_directions]:
-        text += f"; warning: priors alone decided {'; '.join(left)}"
+        text += f" Warning: only priors decided {'; '.join(left)}."
     frame = f"the mean of {len(set(mounting_names(steps)))} mountings by their stated angles"
-    return f"{text}; the frame is {frame}"
+    return f"{text} The frame is {frame}."
 
 
 METHOD = Method(

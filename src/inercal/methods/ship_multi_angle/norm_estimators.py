@@ -72,7 +72,7 @@ def damped(
     covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
     if start.prior_covariance is not None:
         covariance = covariance + null @ start.prior_covariance @ null
-    decided = ("damping alone", start.uncertainty_source)
+    decided = ("damping", start.uncertainty_source)
     return _norm_estimate(
         observations, sensor, bench, steps, (rest, groups), whole, done, covariance, decided
     )
@@ -146,9 +146,9 @@ def _search_note(found: norm_equations.SearchResult, options: norm_equations.Sea
     ended = "" if found.completed else f"; the time limit ended it after {found.seconds:.3g} s"
     goal, worst = (f"{100 * share:.3g} %" for share in (options.goal, found.worst))
     return (
-        f"the goal of {goal} {met}, which says nothing about the coefficients; after "
+        f"The goal of {goal} {met}, which says nothing about the coefficients. After "
         f"{len(found.history)} generations of seed {options.seed} and polishing, the largest error "
-        f"of a norm is {worst} and the sum of squares is {found.cost:.4g} g⁴{ended}"
+        f"of a norm is {worst} and the sum of squares is {found.cost:.4g} g⁴{ended}."
     )
 
 
@@ -166,8 +166,8 @@ def _bound_warnings(model: AffineModel, options: norm_equations.SearchOptions) -
         for k in past
     )
     return (
-        f"warning: beyond the bounds of the search: {text}; the bounds limit the search, not the "
-        "polishing after it: widen them, or look for the cause",
+        f"Warning: beyond the bounds of the search: {text}. The bounds limit the search, but not "
+        "the polishing after it: widen them, or look for the cause.",
     )
 
 
@@ -236,19 +236,19 @@ def _free_direction_notes(
     """Return the notes on free directions, on what decided them, and on weak directions."""
     named = [one.words for one in (*turns, *left.unobserved)]
     what, source = decided
-    rank = f"norms determine {left.rank} of 12 coefficients"
+    rank = f"Norms determine {left.rank} of 12 coefficients"
     notes: list[str] = []
     if not turns:
         notes.append(
-            f"{rank}, the stated frame three (symmetric misalignments); the orientation of this "
-            "frame in the housing is not determined"
+            f"{rank}, and the stated frame determines three (symmetric misalignments). The "
+            "orientation of this frame in the housing is not determined."
         )
     if named:
         notes.append(
-            f"warning: {rank}; {what} decided {format_count(len(named), 'direction')}, whose "
-            f"uncertainty is that of {source}: {'; '.join(named)}"
+            f"Warning: {rank}. {what.capitalize()} decided {format_count(len(named), 'direction')}, "
+            f"whose uncertainty is that of {source}: {'; '.join(named)}."
         )
     if left.weak:
         words = "; ".join(one.words for one in left.weak)
-        notes.append(f"warning: only accidental deviations of the mountings show {words}")
+        notes.append(f"Warning: only accidental deviations of the mountings determine {words}.")
     return tuple(notes)

@@ -125,8 +125,8 @@ def _estimate(
     share = _require_determined(found, start, sensor)
     notes = (
         (
-            f"the sizes that errors were taken to have before the data give up to "
-            f"{100 * share:.2g} % of the information on a direction of the coefficients",
+            f"Up to {100 * share:.2g} % of the information on a direction of the coefficients "
+            "comes from the sizes that were assumed before the data.",
         )
         if share > _NOTED_SHARE
         else ()

@@ -161,18 +161,18 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
         )
         findings.append(Finding("warning", "moving", text))
     notes = (
-        f"the accelerometers are late on the gyros by {lag} (negative: early)",
-        "gravity and latitude as stated set the scale: 40 mGal of gravity are 40 ppm of all scale "
-        "factors of accelerometers, which no residual shows",
+        f"The accelerometers lag the gyros by {lag} (negative: they lead).",
+        "The stated gravity and latitude set the scale: an error of 40 mGal changes all scale "
+        "factors of accelerometers by 40 ppm, and no residual would show it.",
     )
     p = len(sensor.coefficients)
     place = known.gravity.value, known.latitude.value
     drift = position_drift(sensor, estimate.value[:p], estimate.stated_covariance[:p, :p], *place)
     before, after = (float(np.hypot(*one)) for one in drift)
     notes += (
-        "a navigation of one hour at rest, z up, from a true start, ends off by "
-        f"{_kilometres(before)} without this calibration, and with it by U = "
-        f"{_kilometres(after)} (k = 2; noise and later changes not counted)",
+        "After one hour of navigation at rest, z up, from a true start, the position would be "
+        f"wrong by {_kilometres(before)} without this calibration, and by up to U = "
+        f"{_kilometres(after)} with it (k = 2, without noise and later changes).",
     )
     attitudes = estimated_attitudes(estimate, segments, sensor, place[1])
     errors = velocity_errors(segments, sensor, estimate.value[:p], attitudes, *place)

@@ -170,14 +170,14 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
         notes += _step_notes(model, fit.environment)
     if loops:
         notes.append(
-            "half the loop between rising and falling temperature (conditions) is not corrected; "
-            "it adds its size over √3 to u of each use"
+            "Hysteresis between rising and falling temperature is not corrected. Half the loop "
+            "(see the conditions), divided by √3, must be added to u whenever the sensor is used."
         )
     if sensor.select_axes("f").axes:
         notes.append(
-            "a rest does not separate bias and scale factor of accelerometers: an axis along "
-            "gravity shows b(T) + s(T) · 1 g, and a case that bends with temperature adds g times "
-            "its tilt to the level axes"
+            "A rest cannot separate bias and scale factor of accelerometers: an axis along gravity "
+            "reads b(T) + s(T) · 1 g. If the case bends with temperature, g times its tilt is "
+            "added to the level axes."
         )
     findings: list[Finding] = []
     lag_is_stated = fit.environment is not None and fit.environment.lag is not None
@@ -188,8 +188,8 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
             Finding(
                 "warning",
                 "drift_in_time",
-                f"temperature and time rise together (correlation {correlation:+.3f}): a drift in "
-                "time cannot be told from b(T); go up and down",
+                f"temperature and time rise together (correlation {correlation:+.3f}), so a drift "
+                "in time cannot be distinguished from b(T); let the temperature rise and fall",
             )
         )
     return Remarks(tuple(findings), tuple(notes), conditions)
@@ -224,20 +224,20 @@ def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
     if LAG in model.nuisances:
         r = lag_and_rate_correlation(blocks, model.slope(x, k), model.whitening[k])
         lag = (
-            f"the recorded temperature is behind the sensing element by "
-            f"{_lag_text(model.lag_of(x), lag_sd)}; the correlation of this lag with a term of "
-            f"dT/dt is {r:+.4f}, and only one of the two is estimated"
+            f"The recorded temperature lags the sensing element by "
+            f"{_lag_text(model.lag_of(x), lag_sd)}. The correlation of this lag with a term of "
+            f"dT/dt is {r:+.4f}, so only one of the two is estimated."
         )
         error = f"an error of the lag by its u shifts b(T) by {shift * lag_sd:.2g} {unit}"
     else:
         lag = (
-            f"the lag of the temperature is taken as {model.lag:g} s and not estimated: where the "
-            "bias is a line in temperature, a term of dT/dt and the lag are one"
+            f"The lag of the temperature is taken as {model.lag:g} s and not estimated: if the "
+            "bias is linear in temperature, a term of dT/dt and the lag have the same effect."
         )
         error = f"an error of the lag by 1 s shifts b(T) by {shift:.2g} {unit}"
     return lag, (
-        f"the temperature moves at {fastest:.2f} K/min at most; on {axis.name} {error}, and the "
-        f"random walk of the bias over the run is {walk:.2g} {unit}"
+        f"The temperature changes by at most {fastest:.2f} K/min. On {axis.name} {error}; the "
+        f"random walk of the bias over the run is {walk:.2g} {unit}."
     )
 
 
@@ -250,14 +250,14 @@ def _step_notes(model: RampModel, environment: Environment | None) -> list[str]:
         if crossings.refreshed > 1.5 * float(blocks.seconds / blocks.samples):
             refreshed = f", which is renewed every {crossings.refreshed:.3g} s"
         notes.append(
-            f"the thermometer reports steps of {blocks.step:.3g} K{refreshed}: its course is taken "
-            f"from the {crossings.time.size} instants at which its reading changes"
+            f"The thermometer has steps of {blocks.step:.3g} K{refreshed}. Its course is taken "
+            f"from the {crossings.time.size} instants at which its reading changes."
         )
     if environment is None or not environment.temperature_sd:
         notes.append(
-            "whether the thermometer rounds or truncates is not known: truncated temperatures are "
-            f"{blocks.step / 2:.3g} K too low, all alike, and U includes this; state [environment] "
-            "temperature_sd where it is known"
+            "It is not known whether the thermometer rounds or truncates. If it truncates, all "
+            f"temperatures are {blocks.step / 2:.3g} K too low; U includes this. State "
+            "[environment] temperature_sd if it is known."
         )
     return notes
 

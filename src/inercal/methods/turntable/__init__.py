@@ -60,8 +60,9 @@ def source_noise_note(sensor: Sensor, track: Track) -> str:
         degrees(x) * 60 for x in (white / sqrt(seconds), _SOURCE_BIAS_SD * sqrt(seconds))
     )
     return (
-        f"the gyros' noise over the last rest, {seconds:.3g} s, leaves u {least:.2g} °/min of each "
-        f"bias; the source's 0.004 °/min needs a noise below {needed:.2g} °/√h"
+        f"Because of the gyros' noise, the last rest of {seconds:.3g} s determines each bias only "
+        f"with u = {least:.2g} °/min; the source's 0.004 °/min needs a noise below "
+        f"{needed:.2g} °/√h."
     )
 
 
@@ -90,9 +91,9 @@ def stated_value_findings(
             unit = _UNITS.get(stated.unit) or ("″" if abs(value) + stated.sd < 1e-3 else "°")
             key = _BENCH_KEYS.get(name) or ("lever" if name.startswith("lever") else "harmonics")
             text = (
-                f"{stated.meaning}: found {format_quantity(value, sd, unit)}, stated "
-                f"{format_quantity(stated.value, stated.sd, unit)}, {pull:.1f} standard deviations "
-                f"away: look at [bench] {key}"
+                f"{stated.meaning}: the data give {format_quantity(value, sd, unit)}, but "
+                f"{format_quantity(stated.value, stated.sd, unit)} is stated ({pull:.1f} standard "
+                f"deviations away); check [bench] {key}"
             )
             found.append(Finding("warning", "bench", text.replace("-", "−")))
     return tuple(found)

@@ -214,8 +214,8 @@ def _notes(
     """Return notes on the innovations and on errors that the uncertainties do not include."""
     result = [filter_tests.describe_innovations(one) for one in parts]
     result += [
-        f"{one.course.name}: the filter took no account of the table's angles at {one.rejections} "
-        f"epochs: their innovations exceeded {INNOVATION_GATE:g} standard deviations"
+        f"{one.course.name}: the filter rejected the table's angles at {one.rejections} epochs, "
+        f"because their innovations exceeded {INNOVATION_GATE:g} standard deviations."
         for one in parts
         if one.rejections > _CHANCE_REJECTIONS * one.dof
     ]
@@ -224,13 +224,13 @@ def _notes(
     if not whole and (bench.square > 0 or any(bench.harmonics)):
         which = "gyros" if config.table_states == "lean" else "gyros and accelerometers"
         result.append(
-            f"{which}: the filters have no states for the right angles and harmonics that [bench] "
-            "states, and the uncertainties are too small; estimator full has them by default"
+            f"The uncertainties of the {which} are too small, because the filters have no states "
+            "for the stated right angles and harmonics of the table. Estimator full has them."
         )
     if len(parts) > 1 and whole and set(_table_states(parts[0])) & set(_table_states(parts[1])):
         result.append(
-            "gyros and accelerometers are taken as independent, although the table's right angles "
-            "and harmonics affect both"
+            "Gyros and accelerometers are treated as independent, although errors of the table's "
+            "right angles and harmonics affect both."
         )
     return tuple(result)
 
@@ -242,9 +242,9 @@ def _prior_share_note(one: filter_tests.FilterResult) -> str:
     if not found:
         return ""
     return (
-        f"{one.course.name}: the assumed sizes of coefficients, not the run, give up to "
-        f"{100 * share:.2g} % of the information on these directions (in units of g and rad/s): "
-        f"{'; '.join(direction.words for direction in found)}"
+        f"{one.course.name}: up to {100 * share:.2g} % of the information on these directions "
+        "comes from the assumed sizes of coefficients and not from the run (in units of g and "
+        f"rad/s): {'; '.join(direction.words for direction in found)}"
     )
 
 

@@ -200,8 +200,8 @@ def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
         if own and (most := float(reach[own].max())) > 0:
             text = format_quantity(most, 0.0, "mg" if kind == "f" else "°/s", 2)
             notes.append(
-                f"the slopes within the rests leave a drift of about {text} over the run open "
-                f"({quantity.sensors}, k = 1): it is in the uncertainty of the biases"
+                f"A drift of the {quantity.sensors} of up to {text} (1 σ) over the run cannot be "
+                "excluded. The uncertainty of the biases includes it."
             )
     return notes
 
@@ -214,23 +214,23 @@ def _notes(
     words: str, judged: SectionStatistics, seconds: Array, labels: Sequence[str], stated: bool
 ) -> list[str]:
     notes = [
-        f"the readings change within {labels[k]}: the uncertainty of its mean includes the "
-        "effect; repeat the position"
+        f"The readings change within {labels[k]}. The uncertainty of its mean includes the "
+        "effect. Repeat the position."
         for k in np.flatnonzero(judged.disturbance_variance.any(axis=1)).tolist()
     ]
     noise = judged.correlation
     if noise is not WHITE and not stated:
         times = float(np.sqrt(np.median(noise.mean_variance_ratio(seconds))))
         notes.append(
-            f"the noise of the {words} within rests is correlated over about "
-            f"{noise.seconds:.1g} s: the uncertainty of a mean is {times:.2g} times that of its "
-            "uncorrelated part"
+            f"The noise of the {words} within rests is correlated over about "
+            f"{noise.seconds:.1g} s, so the uncertainty of a mean is {times:.2g} times as large as "
+            "it would be with white noise."
         )
     worst = int(np.argmax(judged.scale))
     ratio = float(np.sqrt(judged.scale[worst] / np.median(judged.scale)))
     if ratio > _ALIKE:
         notes.append(
-            f"the {words} scatter {ratio:.2g} times as much in {labels[worst]} as in the median "
-            "rest: the uncertainty of its mean is larger accordingly"
+            f"The {words} scatter {ratio:.2g} times as much in {labels[worst]} as in the median "
+            "rest. The uncertainty of its mean is larger accordingly."
         )
     return notes

@@ -1,0 +1,206 @@
+"""A verdict has at most six short lines, whatever was found; its explanation has all of it."""
+
+import re
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from tests.calibration.short_lines import KEY, require_short
+
+from inercal.basics.parameters import Parameter
+from inercal.basics.run_file_advice import Change
+from inercal.calibration import explanation
+from inercal.calibration.explanation import (
+    Section,
+    customer_sections,
+    first_fit,
+    fit,
+    fit_list,
+    without_operator_words,
+)
+from inercal.calibration.verdict import verdict
+from inercal.estimation import Candidate, Estimate, Problem, least_squares
+from inercal.estimation.residual_scatter import ScatterModel
+from inercal.estimation.result import ResidualGroup
+from inercal.physics.sensors import G0, Sensor, imu, triad
+from inercal.physics.sensors.coefficient_tables import TABLES
+from inercal.physics.sensors.coefficient_words import coefficient_words
+from inercal.recordings import Finding
+
+SD, ROWS = 1e-4 * G0, 40
+LONG = "a_very_long_name_of_a_position_that_somebody_generated_" * 5
+
+
+def fitted(
+    size: float, names: dict[str, str], sensor: Sensor, seed: int = 1, sd: float = SD
+) -> Estimate:
+    """Return a fit whose readings hold the first of several candidates, `names` with kinds."""
+    rng = np.random.default_rng(seed)
+    p = len(sensor.coefficients)
+    design, extra = (rng.standard_normal((ROWS, k)) * G0 for k in (p, len(names)))
+    y = SD * rng.standard_normal(ROWS) + size * extra[:, 0]
+
+    def candidates(_: np.ndarray) -> list[Candidate]:
+        # Every candidate has the direction of the first: no test distinguishes them.
+        columns = extra[:, [0]] + 1e-3 * extra
+        return [
+            Candidate(name, kind, (name,), ("rad",), columns[:, [k]])  # pyright: ignore[reportArgumentType]
+            for k, (name, kind) in enumerate(names.items())
+        ]
+
+    return least_squares(
+        Problem(
+            sensor.coefficients, np.zeros(p), lambda x: (y - x @ design.T, design),
+            np.full(ROWS, sd), sensor.unit_scale, candidates=candidates,
+        )
+    )  # fmt: skip
+
+
+SENSOR = triad("t", "f", "a").with_coefficients("bias", "scale")
+CANDIDATES = {
+    "coefficient": ("ax.k2", "ay.k2", "az.k3", "ax.kip", "ay.kip", "az.kip", "ax.koo"),
+    "bench": ("radius", f"{LONG}[x]", "prior of ax.k0"),
+    "row": (LONG, "r1", "r2"),
+    "time": ("drift of ax", f"change within {LONG} (ax)"),
+}
+FINDINGS = [
+    Finding(severity, f"{kind}{k}", f"{LONG}{k}: {'something is wrong ' * words}; check the {LONG}")
+    for k, (severity, kind, words) in enumerate(
+        product(("warning", "refused", "note"), ("gap", "unseen"), (1, 30))
+    )
+]
+
+
+@pytest.mark.parametrize("kind", CANDIDATES)
+@pytest.mark.parametrize("size", [0.0, 1e-2, 1e3, 1e9])
+@pytest.mark.parametrize("findings", [(), FINDINGS], ids=["", "findings"])
+def test_extreme_findings_sizes_and_names_leave_six_short_lines(
+    kind: str, size: float, findings: list[Finding]
+):
+    names = dict.fromkeys(CANDIDATES[kind], kind)
+    expected = {
+        name: Parameter(name, "rad", 1e-6, "run", meaning=LONG * (name != "radius"))
+        for name in CANDIDATES["bench"]
+    }
+    found = fitted(size, names, SENSOR)
+    notes = tuple(f"{LONG} {k}" for k in range(40))
+    said = verdict(replace(found, notes=notes), SENSOR, findings, expected, tuple(names))
+    require_short(said)
+    require_short(verdict(found, SENSOR, findings, expected, added=f"added: {LONG}, k2, k3"))
+    for message in (*notes, *(one.message for one in findings if one.severity == "warning")):
+        assert any(message in line for line in said.statements)
+
+
+def test_many_groups_with_huge_scatter_leave_six_short_lines():
+    groups = tuple(
+        ResidualGroup(f"{LONG}{k}", "m/s²", ("a",), np.zeros((1, 1)), np.ones((1, 1)), 1e12, 30,
+                      ScatterModel(excess=310.0))
+        for k in range(8)
+    )  # fmt: skip
+    said = verdict(
+        replace(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), groups=groups), SENSOR, ()
+    )
+    require_short(said)
+    assert said.grade == "unreliable"
+    assert sum("A scatter of 310 m/s² is added" in line for line in said.statements) == 8
+
+
+def test_huge_uncertainties_of_all_coefficients_are_one_short_line_and_many_explained():
+    whole = imu().with_coefficients(*(line.name for table in TABLES.values() for line in table))
+    p = len(whole.coefficients)
+    found = Estimate.from_closed_form(whole.coefficients, np.zeros(p), np.eye(p) * 1e18, np.ones(p))
+    said = verdict(replace(found, dof=3, chi2=np.array(2.0)), whole, ())
+    require_short(said)
+    (section,) = [one for one in said.explanation if one.heading == explanation.UNCERTAINTIES]
+    assert len(section.lines) > 15
+
+
+def test_a_cause_is_in_words_with_its_size_what_it_explains_and_what_to_paste():
+    found = fitted(3e-4, {"ax.k2": "coefficient"}, SENSOR)
+    said = verdict(found, SENSOR, (), possible=("ax.k2",))
+    assert said.suspect is not None
+    (line,) = [one for one in said.lines if one.startswith("Most likely cause: ")]
+    assert "second-order nonlinearity of the x accelerometer (ax.k2), " in line
+    assert 'Next: set in the run file: [method] also = ["ax.k2"]' in said.lines
+    before, after = found.score_tests.chi2, said.suspect.remaining_chi2
+    (drop,) = [one for one in said.statements if one.startswith("χ² would drop from ")]
+    first, second = (
+        float(text.replace(" ", ""))
+        for text in re.fullmatch(r"χ² would drop from ([\d. ]+) to ([\d. ]+)\.", drop).groups()  # pyright: ignore[reportOptionalMemberAccess]
+    )
+    assert (first, second) == (pytest.approx(before, rel=0.01), pytest.approx(after, rel=0.01))
+
+
+def test_every_effect_that_is_not_detectable_is_counted_once_and_listed():
+    unseen = [Finding("note", "unseen", f"effect {k}: 3 µg; repeat it", "ax") for k in range(3)]
+    said = verdict(fitted(0.0, {"ax.k2": "coefficient"}, SENSOR), SENSOR, unseen)
+    (section,) = [one for one in said.explanation if one.heading == explanation.UNDETECTABLE]
+    assert [one.message for one in unseen] == list(section.lines[-3:])
+    assert said.lines[-1].startswith(f"{len(section.lines)} effects are not detectable")
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_every_coefficient_has_words_with_its_key_and_its_axis(table: str):
+    sensor, axis = imu(), {"f": "ax", "w": "gx"}[table]
+    kind = {"f": "accelerometer", "w": "gyro"}[table]
+    for line in TABLES[table]:
+        words = coefficient_words(sensor, f"{axis}.{line.name}")
+        assert words.endswith(f" ({axis}.{line.name})")
+        assert f"of the x {kind}" in words
+        assert line.meaning.split()[0].rstrip(",") in words
+    grouped = coefficient_words(sensor, "g", ("gx.g_i", "gy.g_p"))
+    assert grouped == "sensitivity of the gyros to acceleration (g)"
+
+
+def test_a_customer_reads_neither_keys_nor_options_nor_next_steps():
+    found = fitted(3e-4, {"ax.k2": "coefficient"}, SENSOR)
+    findings = [Finding("warning", "gap", "the data have gaps; state them in [data] gaps")]
+    changed = [Finding("warning", "g", "odd", changes=(Change("method", "also", ("ax.k2",)),))]
+    said = verdict(found, SENSOR, [*findings, *changed], possible=("ax.k2",))
+    assert any(KEY.search(line) for line in said.statements)
+    sections = customer_sections(said.explanation)
+    kept = [line for section in sections for line in section.lines]
+    assert "the data have gaps" in kept
+    assert not [line for line in kept if KEY.search(line)]
+    assert explanation.NEXT_STEPS not in [one.heading for one in sections]
+
+
+@pytest.mark.parametrize(
+    ("text", "kept"),
+    [
+        ("g is 9.8 m/s²; check [bench] gravity", "g is 9.8 m/s²"),
+        ("State it in the run file.", ""),
+        ("It drifts. Use --explain to see why. U includes it.", "It drifts. U includes it."),
+        ("the interval is [0, 1]", "the interval is [0, 1]"),
+    ],
+)
+def test_clauses_of_an_operator_are_left_out(text: str, kept: str):
+    assert without_operator_words(text) == kept
+
+
+def test_lines_are_shortened_at_clauses_words_or_at_last_anywhere():
+    assert fit("short") == "short"
+    assert fit("one thing is said here; another is said there", 30) == "one thing is said here"
+    assert fit("many words that go on and on", 12) == "many words…"
+    assert len(fit("x" * 500)) == 100
+    assert fit_list("U: ", ["a", "b"]) == "U: a, b."
+    assert fit_list("U: ", ["a" * 60, "b" * 60]) == f"U: {'a' * 60} and 1 more."
+    assert first_fit("x" * 101, "y") == "y"
+
+
+def test_a_file_without_lines_and_headings_has_its_notes():
+    from inercal.calibration.verdict_object import VerdictRecord, recorded_verdict
+
+    old = VerdictRecord.model_validate(
+        {
+            "grade": "reservations",
+            "reasons": ["a check warns: gap"],
+            "tests": [],
+            "suspect": None,
+        }
+    )
+    read = recorded_verdict(old, ("one", "two"))
+    assert read.lines == ("Usable with reservations: a check warns: gap",)
+    assert read.explanation == (Section(explanation.NOTES, ("one", "two")),)
+    assert read.warned == ("gap",)
