@@ -88,8 +88,8 @@ def next_use_calibration(found: Repeatability) -> Calibration:
         conditions=last.conditions,
         provenance=origin() | {"sessions": ", ".join(sessions)},
         notes=(
-            f"mean of {len(sessions)} sessions; U is that of the next use, on another "
-            f"{found.scope}, and includes what the sessions share",
+            f"mean of {len(sessions)} sessions; U is for the next use on another {found.scope} "
+            "and includes the errors that the sessions share",
             *found.findings,
         ),
         frame=last.frame,
