@@ -1,4 +1,4 @@
-"""What the statistics of a fleet say: in sentences, and as a JSON object."""
+"""States what the statistics of a fleet say, in sentences and as a JSON object."""
 
 from collections.abc import Sequence
 from math import inf, isfinite, isnan
@@ -14,7 +14,7 @@ from inercal.fleet.statistics import (
 
 
 def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
-    """Return what the statistics say: a summary, and what needs attention."""
+    """Return a summary of the statistics, and lines about what needs attention."""
     population = found.population
     count = len(population.ids)
     if found.yields:
@@ -28,29 +28,32 @@ def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
 def _findings(found: FleetStatistics) -> list[str]:
     texts: list[str] = []
     if found.population.outdated:
-        texts.append(f"{found.population.outdated} results are outdated: calibrate the line again")
+        texts.append(f"{found.population.outdated} results are outdated; calibrate the line again")
     if found.outliers:
         texts.append(
-            f"{len(found.outliers)} outliers ({found.outliers_by_chance:g} expected by chance)"
+            f"{len(found.outliers)} sensors are outliers ({found.outliers_by_chance:g} would "
+            "be expected by chance)"
         )
     drifting = [one for one in found.contrasts if one.significant]
     if drifting:
         names = dict.fromkeys(f"{one.coefficient} ({one.of})" for one in drifting)
         listed = ", ".join(list(names)[:8])
-        texts.append(f"{len(drifting)} significant trends or differences of stations: {listed}")
+        texts.append(
+            f"{len(drifting)} trends or differences between stations are significant: {listed}"
+        )
     beyond = [one for one in found.charts if one.beyond]
     if beyond:
         listed = ", ".join(f"{one.station or 'all stations'} ({one.beyond})" for one in beyond[:8])
-        texts.append(f"χ²/ν beyond its control limits: {listed}")
+        texts.append(f"χ²/ν is beyond its control limits at {listed}")
     hidden = [one.name for one in found.coefficients if isnan(one.summary.truth_sd)]
     if hidden:
         texts.append(
-            "the values scatter less than their uncertainties; u is stated too large, or hides the "
-            f"scatter in truth: {', '.join(hidden)}"
+            "these coefficients scatter less than their uncertainties explain, so either u is "
+            f"stated too large or it hides the scatter in truth: {', '.join(hidden)}"
         )
     poor = [one.name for one in found.coefficients if one.observed and one.observed.high < 1]
     if poor:
-        texts.append(f"Cpk is below 1: {', '.join(poor)}")
+        texts.append(f"Cpk is below 1 for {', '.join(poor)}")
     return texts
 
 

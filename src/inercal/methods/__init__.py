@@ -226,7 +226,7 @@ class Method(Generic[Bench, Step]):
     weighs_common_errors : bool
         Whether its estimators weigh rows by their whole covariance, with errors in common.
     sequential : callable or None
-        Starts the live estimation of a run; None where the method has none.
+        Starts the live estimation of a run; None if the method has none.
     final_by_recording : bool
         Whether another estimator than the live one gives the result of the recording.
     """
@@ -261,7 +261,7 @@ class Method(Generic[Bench, Step]):
         ----------
         sensor : Sensor
         coefficients : sequence of str
-            Names or groups in place of the method's defaults; of a group, those that the method
+            Names or groups instead of the method's defaults; of a group, those that the method
             can estimate.
         also : sequence of str
             Names or groups in addition.
@@ -275,8 +275,8 @@ class Method(Generic[Bench, Step]):
         kinds = {axis.measures for axis in sensor.axes}
         if lacking := tuple(QUANTITIES[kind].sensors for kind in self.needs if kind not in kinds):
             raise InputError(
-                f"method {self.name} needs {' and '.join(lacking)}, and sensor {sensor.name} has "
-                "none; add them to [sensor], or choose another method",
+                f"method {self.name} needs {' and '.join(lacking)}, but sensor {sensor.name} "
+                "has none; add them to [sensor], or choose another method",
                 key="[sensor]",
                 names=lacking,
             )

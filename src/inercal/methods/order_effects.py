@@ -47,7 +47,7 @@ class _Pattern(NamedTuple):
 
 
 def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
-    """Return a note on what these positions cannot see of their order, with what would show it.
+    """Return a note on order effects that these positions cannot show, and what would show them.
 
     There is a finding for each effect: its message begins with the name, and `channel` is the axis
     that the smallest size shifts by 5 u.

@@ -75,7 +75,7 @@ def certificate_marks(
 
 
 def _outside(laboratory: LaboratoryFile, results: ResultSet) -> str:
-    """Return what the stated capability does not hold, in words; empty where it holds all."""
+    """Return what the stated capability does not hold, in words; empty if it holds all."""
     if laboratory.capability is None:
         return ""
     parts = list(names_of(results.rows))

@@ -33,7 +33,7 @@ class Check:
     ----------
     name : str
     passed : bool or None
-        None where it could not be made.
+        None if it could not be made.
     text : str
         What was found.
     vouches : bool

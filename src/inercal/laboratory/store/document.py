@@ -90,7 +90,7 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
 
 
 def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
-    """Return what is not as the file's description has it, though its hash fits; else nothing."""
+    """Return what contradicts the file's description although its hash fits; empty if nothing."""
     for name in ("conditions", "provenance"):
         given: Any = content[name]
         if not isinstance(given, dict) or not all(

@@ -92,7 +92,7 @@ class CalibrationEntry:
     id : int
     sensor : str
     kind, bench : str
-        Kind of bench and its name; empty where they are not known.
+        Kind of bench and its name; empty if they are not known.
     run : int or None
         The run whose recording was calibrated.
     measured : str
@@ -147,7 +147,7 @@ class RunFacts:
         Identity of the run, independent of when it is entered and where its folder is.
     sensor : Sensor
     kind, bench : str
-        Kind of bench, and its name, empty where it has none.
+        Kind of bench, and its name, empty if it has none.
     begun : str
         ISO 8601.
     state : str

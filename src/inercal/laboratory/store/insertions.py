@@ -67,7 +67,7 @@ def enter_axes(db: Connection, sensor_name: str, axes: dict[str, str], who: Entr
     for name, measures in axes.items():
         if known.get(name, measures) != measures:
             raise InputError(
-                f"sensor {sensor_name!r}: axis {name} measures {QUANTITIES[measures].name}, "
+                f"sensor {sensor_name}: axis {name} measures {QUANTITIES[measures].name}, "
                 f"but in the register it measures {QUANTITIES[known[name]].name}; give this "
                 "sensor another name",
                 names=(name,),

@@ -329,7 +329,7 @@ def _interval(
 
 
 def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> CoefficientTrend | None:
-    """Return a trend with years of operation as its times; None where fewer than three are known.
+    """Return a trend with years of operation as its times; None if fewer than three are known.
 
     Of the newest calibrations, which all state operating hours that grow.
     """
@@ -360,7 +360,7 @@ def _expanded(trend: CoefficientTrend, pooled: PooledChange | None, years: float
 def _longest(
     trend: CoefficientTrend, limit: CoefficientLimit, pooled: PooledChange | None = None
 ) -> float:
-    """Return the longest interval of the prediction, years; 0 where the limit is exceeded now."""
+    """Return the longest interval of the prediction, years; 0 if the limit is exceeded now."""
     courses = trend.courses if pooled is None else None
     slope = courses.line.slope.slope if courses is not None and courses.drifts else 0.0
 

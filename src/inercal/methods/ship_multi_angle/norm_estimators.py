@@ -40,9 +40,9 @@ def damped(
     Parameters
     ----------
     observations, sensor, bench, steps
-        As of `joint`; the sensor's coefficients are the twelve of f = M a + p.
+        As for `joint`; the sensor's coefficients are the twelve of f = M a + p.
     priors : sequence of Gaussian
-        On all twelve coefficients, in place of untilted states.
+        On all twelve coefficients, instead of untilted states.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def global_(
     Parameters
     ----------
     observations, sensor, bench, steps
-        As of `damped`, of one table.
+        As for `damped`, of one table.
     priors : sequence of Gaussian
         Must be empty.
     options : SearchOptions
@@ -191,7 +191,7 @@ def _norm_estimate(
 ) -> Estimate:
     """Return the estimate of norms.
 
-    Arguments as of `consistency`; `used` are the rows that the estimator used as vectors and as
+    Arguments as for `consistency`; `used` are the rows that the estimator used as vectors and as
     norms, `decided` what decided the free directions and the source of their uncertainty.
     """
     level, groups = used

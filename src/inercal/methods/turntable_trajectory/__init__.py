@@ -98,7 +98,7 @@ def solve_trial(
     Parameters
     ----------
     sensor, bench, priors
-        As of `trajectory`.
+        As for `trajectory`.
     track : Track
         Of one trial.
     epochs : (e,) array of int, optional
@@ -109,7 +109,7 @@ def solve_trial(
     Raises
     ------
     InputError, NotObserved
-        As of `trajectory`.
+        As for `trajectory`.
     """
     parts = tuple(_row_sets(sensor, bench, track, epochs))
     requested = problem(sensor, bench, parts, priors)
@@ -215,7 +215,7 @@ def with_mean_biases(
     estimate : Estimate
         Of `problem`.
     sensor, bench, parts
-        As of `problem`.
+        As for `problem`.
     """
     value, by = estimate.value.copy(), np.eye(len(estimate.names))
     beyond = np.zeros_like(by)
