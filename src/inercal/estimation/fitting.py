@@ -218,7 +218,7 @@ class LinearisedRows:
         self._linearised = system.first.residual, system.first.rows  # until a point is tried
 
     def cost(self, point: LinearisationPoint) -> Array:
-        """Return the cost as for `inercal.estimation.search.Trials`."""
+        """Return the cost of trial points; see `inercal.estimation.search.Trials`."""
         with np.errstate(over="ignore", invalid="ignore"):
             u = point.whitened
             u = u**2 if self._loss is None else self._loss.cost(u)

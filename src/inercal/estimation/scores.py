@@ -106,7 +106,7 @@ def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: f
 
 
 class ModelTest(NamedTuple):
-    """One test of the model, whose statistic is χ² with `dof` degrees of freedom if it is right."""
+    """One test of the model, with a statistic that is χ² with `dof` if the model is right."""
 
     name: str
     statistic: float
@@ -268,7 +268,7 @@ class ScoreTest:
 
     @property
     def departure(self) -> float:
-        """The largest departure from a statement, in its standard deviations; 0 for others.
+        """The largest departure from a stated value, in its standard deviations; 0 for others.
 
         Of what is stated as exact a sixth of the largest plausible size stands for the deviation.
         """
@@ -280,7 +280,7 @@ class ScoreTest:
 
     @property
     def contradicts_statement(self) -> bool:
-        """Whether it departs from its statement by more than 6 sd although it is hardly visible.
+        """Whether it departs from its stated value by more than 6 sd although it is hardly visible.
 
         What is estimated takes up all but a thousandth of its effect: the residuals show something
         else that resembles the rest of it.

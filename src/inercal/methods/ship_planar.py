@@ -46,7 +46,7 @@ _EXCITATION_LIMIT = 1e-3
 
 
 def pose_forces(fastest: float, radius: float, g: float) -> Array:
-    """Return the specific force in attitudes all around at rates from rest on, (300, 3) m/s².
+    """Return the specific force in random attitudes at rest and at rates, (300, 3) m/s².
 
     Parameters
     ----------

@@ -249,7 +249,7 @@ def samples_per_degree(y: Array) -> float:
 def bursts_of_windows(
     halves: Array, half: int, dt: float, per_degree: float = _WHITE_DIFFERENCES
 ) -> list[Disturbance]:
-    """Return the bursts of a channel whose samples were not kept, as long as their windows.
+    """Return the bursts of a channel without its samples; each is as long as its windows.
 
     Parameters
     ----------

@@ -147,7 +147,7 @@ def _windows(y: Array, step: float) -> _Windows:
 
 
 def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
-    """Return how far the accelerometers' level leaves its median; empty if it stays."""
+    """Return in words how far the accelerometers depart from their median; empty if they do not."""
     if not channels:
         return ""
     medians = np.stack([one.medians for one in channels], axis=1)

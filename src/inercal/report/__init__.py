@@ -35,7 +35,7 @@ def write_report(
     truth: Mapping[str, float] | None = None,
     history: "SensorHistory | None" = None,
 ) -> Path:
-    """Write the report; completely or not at all. Return its path.
+    """Write the report completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def write_history(
     next_one: "Recalibration | None" = None,
     noise: Sequence["NoiseEntry"] = (),
 ) -> Path:
-    """Write the page of a sensor's history; completely or not at all. Return its path.
+    """Write the page of a sensor's history completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def write_noise(
     path: str | Path,
     sheet: "DataSheetNoise | None" = None,
 ) -> Path:
-    """Write the page of a noise analysis; completely or not at all. Return its path.
+    """Write the page of a noise analysis completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def write_noise(
 
 
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
-    """Write the page of an error budget; completely or not at all. Return its path.
+    """Write the page of an error budget completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
 
 
 def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
-    """Write the page of a worksheet; completely or not at all. Return its path.
+    """Write the page of a worksheet completely or not at all. Return its path.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ class CertificateRequest:
 
 
 def require_series(series: str) -> None:
-    """Refuse a pattern whose numbers are not distinct or not possible as file names.
+    """Refuse a pattern whose numbers would not be distinct or could not be file names.
 
     Raises
     ------

@@ -196,7 +196,7 @@ def dual(
     steps: Plan,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients from only g² and the priors; arguments as for `joint`.
+    """Return the coefficients from g² and the priors only; arguments as for `joint`.
 
     Raises
     ------
