@@ -153,10 +153,10 @@ def test_the_verb_charts_a_bench_of_the_register(address: str, tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--bench", "arm 9"), "no calibration on it in the register; it has 'arm 1'"),
+        (("--bench", "arm 9"), "'arm 1'"),
         (("--bench", "arm 1", "--sensor", "IMU-0"), "in one way"),
         (("--bench", "arm 1", "--same", "day"), "--same"),
-        (("--bench", "arm 1"), "14 days with bench estimates"),
+        (("--bench", "arm 1"), "14 days"),
         (("--bench", "arm 1", "--since", "2027-01-01"), "--since 2027-01-01"),
         (("--bench", "arm 1", "--since", "then"), "--since 'then'"),
     ],

@@ -112,7 +112,7 @@ def test_a_cusum_in_place_of_the_ewma_finds_a_small_lasting_change(tmp_path: Pat
 @pytest.mark.parametrize(
     ("days", "reference", "run_length", "words"),
     [
-        (10, 20, 370.0, "10 days of the check standard"),
+        (10, 20, 370.0, "10 days"),
         (10, 3, 370.0, "--reference 3"),
         (10, 5, 3.0, "--run-length"),
     ],

@@ -80,7 +80,7 @@ def test_a_register_gives_the_points_of_the_files_and_lists_what_is_doubtful(
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ((), "the reference takes 20"),
+        ((), "20"),
         (("--reference", "2"), "--reference 2"),
         (("--reference", "8", "--run-length", "1"), "--run-length"),
         (("--reference", "8", "--restart", "monday"), "--restart"),

@@ -89,7 +89,7 @@ def test_a_station_survives_files_that_vanish_and_a_folder_that_is_away(tmp_path
             (inbox / "3.npz").unlink()  # while another one is calibrated
     assert arrived == ["0.npz", "2.npz", "9.npz"]
     assert [text.removeprefix(f"{inbox} ") for text in said] == [
-        "cannot be read; waiting for it", "is there again"
+        "cannot be read; waiting for it", "can be read again"
     ]  # fmt: skip
 
 

@@ -219,11 +219,11 @@ def test_a_path_of_too_few_faces_or_rests_is_refused():
 
 
 MISTAKES = {
-    "y of the gyros is reversed": ([0, 1, 2, 3, 4, 5], [1, 1, 1, 1, -1, 1]),
-    "x of the accelerometers is reversed": ([0, 1, 2, 3, 4, 5], [-1, 1, 1, 1, 1, 1]),
-    "x and z of the gyros are exchanged": ([0, 1, 2, 5, 4, 3], [1] * 6),
-    "y and z of the accelerometers are exchanged": ([0, 2, 1, 3, 4, 5], [1] * 6),
-    "all gyros are reversed": ([0, 1, 2, 3, 4, 5], [1, 1, 1, -1, -1, -1]),
+    "y of the gyros were reversed": ([0, 1, 2, 3, 4, 5], [1, 1, 1, 1, -1, 1]),
+    "x of the accelerometers were reversed": ([0, 1, 2, 3, 4, 5], [-1, 1, 1, 1, 1, 1]),
+    "x and z of the gyros were exchanged": ([0, 1, 2, 5, 4, 3], [1] * 6),
+    "y and z of the accelerometers were exchanged": ([0, 2, 1, 3, 4, 5], [1] * 6),
+    "all gyros were reversed": ([0, 1, 2, 3, 4, 5], [1, 1, 1, -1, -1, -1]),
 }
 
 

@@ -138,7 +138,7 @@ def test_a_live_run_with_a_reversed_axis_is_refused_by_name():
     reading = track.reading.copy()
     reading[:, 1] *= -1
     live = LiveNavigation(sensor, table_of(SHORT), (), float(track.time[-1]), 20.0)
-    with pytest.raises(InputError, match="y of the accelerometers is reversed"):
+    with pytest.raises(InputError, match="y of the accelerometers were reversed"):
         live.feed(replace(track, reading=reading))
 
 

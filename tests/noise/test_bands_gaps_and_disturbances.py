@@ -57,8 +57,8 @@ def test_k_is_stated_with_a_step_and_without_it(seed: int):
         inercal.analyse_noise(recording(y, MEMS.dt), kinds=(), keep_disturbed=one, terms="NBK")
         for one in (True, False)
     )
-    (text,) = [one for one in kept.channels[0].remarks if one.startswith("K with")]
-    (other,) = [one for one in skipped.channels[0].remarks if one.startswith("K with")]
+    (text,) = [one for one in kept.channels[0].remarks if one.startswith("K is")]
+    (other,) = [one for one in skipped.channels[0].remarks if one.startswith("K is")]
     with_step, without = (float(x) for x in re.findall(r"(\d+\.?\d*) °/h/√s", text))
     assert other.startswith(text.split(";")[0])
     # The note: a step of 40 °/h that is not noticed makes K 1.8 times as large.

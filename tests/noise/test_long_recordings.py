@@ -84,7 +84,7 @@ def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
 ):
     found = in_blocks(write(tmp_path, kind, table))
     assert found.duration == pytest.approx(at_once.duration, rel=1e-9)
-    assert any("closed up" in text for text in found.remarks)
+    assert any("lost samples" in text for text in found.remarks)
     assert any("2 pieces" in text for text in found.remarks)
     for one, other in zip(found.channels, at_once.channels, strict=True):
         assert one.channel == other.channel

@@ -75,7 +75,7 @@ def of_gyros(epochs: int, *, pause: bool = False) -> FilterHistory:
 def test_what_varies_is_drawn_in_seconds_of_arc_and_in_the_units_of_the_bias():
     drawn = smoothed_figure([of_gyros(500)], imu().with_coefficients("bias"))
     assert drawn is not None
-    assert {"gyros: attitude off by, ″", "gyros: drift, °/h"} <= set(_texts(drawn))
+    assert {"gyros: attitude error, ″", "gyros: drift, °/h"} <= set(_texts(drawn))
     assert {"east", "north", "up", "gx", "gy", "gz"} <= set(_texts(drawn))
     # 3″ ± 2″ and 2 °/h ± 1 °/h: what is beyond has no tick.
     assert {"5", "3.0"} <= set(_texts(drawn))

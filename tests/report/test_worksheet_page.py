@@ -82,7 +82,7 @@ def test_without_autocollimator_and_level_there_is_no_box_for_them(tmp_path: Pat
 
 def test_the_page_holds_what_the_operator_needs(tmp_path: Path):
     sheet, text = made(tmp_path, READ)
-    for words in ("QA pair 7", "operator", "temperature, begin", "readings.csv", "run.toml"):
+    for words in ("QA pair 7", "operator", "temperature, start", "readings.csv", "run.toml"):
         assert words in text
     for number, row in enumerate(sheet.sheet.rows, start=1):
         angle = f"{row.facts['angle_deg']:.0f}°"
@@ -91,7 +91,7 @@ def test_the_page_holds_what_the_operator_needs(tmp_path: Path):
         assert f'<th scope="row">{one.name}</th>' in text
     assert text.index("pass 1, forward") < text.index("pass 2, reverse")
     assert "24 positions in 2 passes · 12 min of holding, moves besides" in text
-    assert "for the noise, the head, the base and the priors as stated in" in text
+    assert "the noise, the head, the base and the priors stated in" in text
 
 
 def test_the_page_needs_nothing_but_itself_and_prints_black_on_white(tmp_path: Path):

@@ -216,7 +216,9 @@ def test_of_calibrations_of_one_recording_the_last_entered_counts(
     paths = two(tmp_path, of_the_other)
     history = of(register, *paths)
     assert [entry.id for entry in history.entries] == [2]
-    assert history.exclusions == ("calibration #1 is of the same recording as #2",)
+    (line,) = history.exclusions
+    assert "#1" in line
+    assert "#2" in line
     assert compare(load(paths[0]), load(paths[1])).same_recording
     assert not compare(*(load(path) for path in two(tmp_path))).same_recording
 
@@ -229,8 +231,7 @@ def test_coefficients_that_the_newest_lacks_are_named(register: Register, tmp_pa
     history = of(register, *paths)
     assert len(history.trends) == 12
     (line,) = history.exclusions
-    assert line.startswith("gx.bias, gx.delta_o")
-    assert "not among the coefficients of the newest calibration" in line
+    assert "gx.bias, gx.delta_o" in line
     compared = compare(load(paths[0]), load(paths[1]))
     assert len(compared.names) == 12
     assert compared.exclusions[0].startswith("only the first has gx.bias")

@@ -95,7 +95,7 @@ def test_without_limits_there_is_no_date(history: SensorHistory):
         ({"k9": "1 mg"}, None, "k9"),
         ({"ax.k0": "1 °"}, None, "--limit ax.k0"),
         ({"ax.k0": "-1 mg"}, None, "positive"),
-        ({"k2": "1 µg/g²"}, None, "not in this history"),
+        ({"k2": "1 µg/g²"}, None, "k2"),
         ({}, 2.0, "--in-use"),
     ],
 )

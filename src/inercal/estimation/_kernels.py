@@ -145,7 +145,7 @@ def solve(
     predicted : (trials,) array
         gᵀδ + λ δᵀ diag(H) δ: how far the linear model says that χ² falls.
     ok : (trials,) bool array
-        False where the matrix is not positive definite.
+        False if the matrix is not positive definite.
     """
     trials, k = gradient.shape
     step, predicted = np.zeros((trials, k)), np.zeros(trials)
@@ -185,7 +185,7 @@ def solve(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def inverse(normal: Array, prior: Array, lanes: int) -> tuple[Array, Bools]:
-    """Return (N + P)⁻¹ (trials, k, k), and where it exists (trials,); arguments as in `solve`."""
+    """Return (N + P)⁻¹ (trials, k, k), and whether it exists (trials,); arguments as in `solve`."""
     trials, k = normal.shape[0], prior.shape[0]
     result = np.empty((trials, k, k))
     ok, good = np.zeros(trials, np.bool_), np.empty(lanes, np.bool_)

@@ -170,7 +170,7 @@ def spanned_candidates(
     Parameters
     ----------
     jacobian, candidates
-        As of `score_tests`.
+        As for `score_tests`.
     """
     q, _ = np.linalg.qr(jacobian / column_lengths(jacobian))
     found: list[tuple[str, ...]] = []

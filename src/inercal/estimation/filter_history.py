@@ -41,7 +41,7 @@ class FilterHistory:
     nis : (e,) array
         Normalised innovation squared of q components; its mean is q where the model holds.
     smoothing : LazyValue of SmoothedStates or None
-        None where no state is smoothed.
+        None if no state is smoothed.
     shown : (k,) array of int or None
         Epochs that estimates are kept of, evenly spaced and the last; None is each of them.
     """
@@ -58,7 +58,7 @@ class FilterHistory:
 
     @property
     def smoothed(self) -> SmoothedStates | None:
-        """The smoothed states; None where no state is smoothed."""
+        """The smoothed states; None if no state is smoothed."""
         return self.smoothing and self.smoothing()
 
     @property

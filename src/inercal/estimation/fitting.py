@@ -218,7 +218,7 @@ class LinearisedRows:
         self._linearised = system.first.residual, system.first.rows  # until a point is tried
 
     def cost(self, point: LinearisationPoint) -> Array:
-        """Return the cost as of `inercal.estimation.search.Trials`."""
+        """Return the cost of trial points; see `inercal.estimation.search.Trials`."""
         with np.errstate(over="ignore", invalid="ignore"):
             u = point.whitened
             u = u**2 if self._loss is None else self._loss.cost(u)
@@ -227,7 +227,7 @@ class LinearisedRows:
     def step(
         self, point: LinearisationPoint, damping: Array, active: Bools
     ) -> tuple[Array, Array, Bools]:
-        """Return moves as of `inercal.estimation.search.Trials`."""
+        """Return moves as for `inercal.estimation.search.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         rows, weight = (a if len(a) == 1 else a[some] for a in (point.rows, point.weight))
         u = point.whitened[some]
@@ -242,19 +242,19 @@ class LinearisedRows:
     def tried(
         self, x: Array, point: LinearisationPoint, active: Bools
     ) -> tuple[LinearisationPoint, Array]:
-        """Return a point and its cost as of `inercal.estimation.search.Trials`."""
+        """Return a point and its cost as for `inercal.estimation.search.Trials`."""
         self._linearised = self._system.evaluate(x)
         tried = self._system.point(x, *self._linearised, self._whitener)
         return tried, self.cost(tried)
 
     def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
-        """Return the point as of `inercal.estimation.search.Trials`."""
+        """Return the point as for `inercal.estimation.search.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(
         self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
     ) -> LinearisationPoint:
-        """Return the merged point as of `inercal.estimation.search.Trials`."""
+        """Return the merged point as for `inercal.estimation.search.Trials`."""
         system, x = self._system, tried.x
         x = x if chosen.all() else np.where(chosen[:, None], x, point.x)
         # Where every trial stays at its point, so do its weights: a model beyond its fold is slow.

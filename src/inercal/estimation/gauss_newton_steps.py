@@ -64,7 +64,7 @@ def solve_packed(
     gradient : (trials, k) array
         Aᵀu.
     prior_rows, v, damping
-        As of `solve`.
+        As for `solve`.
     """
     from inercal.estimation import _kernels
 
@@ -105,7 +105,7 @@ def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bo
 
 
 def covariance_packed(normal: Array, prior_rows: Array) -> tuple[Array, Bools]:
-    """Return the same from normal equations, as of `solve_packed`."""
+    """Return the same from normal equations, as for `solve_packed`."""
     from inercal.estimation import _kernels
 
     return _kernels.inverse(normal, prior_rows.T @ prior_rows, _kernels.LANES)

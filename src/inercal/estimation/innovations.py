@@ -27,7 +27,7 @@ _LEFT = 1e-6  # least variance of a group's mean after the fit; below, the fit d
 
 
 def standardised_innovations(off: Array, s: Array) -> Array:
-    """Return innovations (e, m) over their standard deviations; NaN where none was observed."""
+    """Return innovations (e, m) over their standard deviations; NaN if none was observed."""
     return np.divide(off, np.sqrt(s), out=np.full(off.shape, np.nan), where=s > 0)
 
 
@@ -53,7 +53,7 @@ def group_innovations(standard: Array, group: NDArray[np.int64]) -> Array:
     Parameters
     ----------
     standard : (e, m) array
-        NaN where nothing was observed.
+        NaN if nothing was observed.
     group : (e,) array of int
         Of each epoch, from 0 on; an epoch with a negative number is in no group. Groups without an
         epoch are omitted.
@@ -71,7 +71,7 @@ def mean_and_whiteness_tests(z: Array, means: str, whiteness: str) -> tuple[Mode
     Parameters
     ----------
     z : (g, m) array
-        As of `group_innovations`.
+        As for `group_innovations`.
     means, whiteness : str
         Names of the tests.
     """
@@ -92,7 +92,7 @@ def residual_mean_test(z: Array, slope: Array, covariance: Array, means: str) ->
     Parameters
     ----------
     z : (k,) array
-        Sums over groups as of `group_innovations`, in any order.
+        Sums over groups as for `group_innovations`, in any order.
     slope : (k, p) array
         The same sums of the whitened Jacobian.
     covariance : (p, p) array

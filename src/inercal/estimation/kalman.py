@@ -36,7 +36,7 @@ from inercal.estimation.kernel_options import kernel, kernel_step
 class FilterSteps(NamedTuple):
     """The steps of a filter of n states at each of e epochs: a prediction, then m observations.
 
-    A filter writes into row `epoch % len(s)`: where nobody asks for them one row is enough.
+    A filter writes into row `epoch % len(s)`: if nobody asks for them one row is enough.
     """
 
     a: Array  # (e, k, n) and (e, n): Φ as `predict` takes it, since the epoch before
@@ -299,7 +299,7 @@ def _reverse_predict(
 
 @kernel_step
 def _apply_transposed_transition(a: Array, keep: Array, by: Array, moved: Array) -> None:
-    """Write Φᵀ λ in place of λ; `moved` is overwritten."""
+    """Write Φᵀ λ instead of λ; `moved` is overwritten."""
     k, n = a.shape
     for i in range(n):
         moved[i] = keep[i] * by[i] if i >= k else 0.0

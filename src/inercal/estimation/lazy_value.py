@@ -25,7 +25,7 @@ class LazyValue(Generic[T]):
         return self._value[0]
 
     def then(self, change: Callable[[T], S]) -> "LazyValue[S]":
-        """Return what a function makes of the value, worked out when it is wanted."""
+        """Return a function of the value, which is computed only when it is needed."""
         return LazyValue(lambda: change(self()))
 
 

@@ -41,7 +41,7 @@ class WhitenedRows(NamedTuple):
     whiten: Callable[[Array], Array]  # from changes of the observations, (m, q), to whitened ones
 
     def effects(self, change: Array) -> tuple[Array, Array]:
-        """Return what changes of the observations do that the model does not contain.
+        """Return the effects of changes of the observations that the model does not contain.
 
         Parameters
         ----------

@@ -52,7 +52,7 @@ class Observability(NamedTuple):
 
 
 def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observability:
-    """Return what the data determine at a point of the first trial.
+    """Return which directions the data determine at a point of the first trial.
 
     Priors on wanted parameters do not make a direction observed, but they may determine it.
 

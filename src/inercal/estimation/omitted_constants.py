@@ -46,7 +46,7 @@ def omitted_constant_sums(
     row: int,
     tested: int | None = None,
 ) -> OmittedSums:
-    """Return what D constants that drive states and B that are observed make of the innovations.
+    """Return the effect on the innovations of D constants driving states and B observed ones.
 
     Parameters
     ----------

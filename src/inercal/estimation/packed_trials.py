@@ -77,11 +77,11 @@ class PackedTrials:
         return PackedPoint(x, *found, self._target[which] - x @ self._prior_full.T)
 
     def cost(self, point: PackedPoint) -> Array:
-        """Return the cost as of `inercal.estimation.search.Trials`."""
+        """Return the cost as for `inercal.estimation.search.Trials`."""
         return _squares(point.whitened) + _squares(point.prior)
 
     def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
-        """Return moves as of `inercal.estimation.search.Trials`."""
+        """Return moves as for `inercal.estimation.search.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         step = gauss_newton_steps.solve_packed(
             point.normal[some],
@@ -93,7 +93,7 @@ class PackedTrials:
         return gauss_newton_steps.moves(step, self.basis, point.x, some)
 
     def tried(self, x: Array, point: PackedPoint, active: Bools) -> tuple[PackedPoint, Array]:
-        """Return a point and its cost as of `inercal.estimation.search.Trials`."""
+        """Return a point and its cost as for `inercal.estimation.search.Trials`."""
         which = np.flatnonzero(active)
         tried = self._point(x[which], which)
         if len(which) < len(active):
@@ -106,11 +106,11 @@ class PackedTrials:
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
 
     def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
-        """Return the point as of `inercal.estimation.search.Trials`."""
+        """Return the point as for `inercal.estimation.search.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
-        """Return the merged point as of `inercal.estimation.search.Trials`."""
+        """Return the merged point as for `inercal.estimation.search.Trials`."""
         return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))
 
     def estimate(

@@ -73,7 +73,7 @@ class Gaussian:
         return Gaussian(kept, self.mean[..., keep], self.covariance[np.ix_(keep, keep)])
 
     def of_trials(self, part: slice) -> "Gaussian":
-        """Return the prior of some trials; the same where all trials share it."""
+        """Return the prior of some trials; it is unchanged if all trials share it."""
         return self if self.mean.ndim == 1 else replace(self, mean=self.mean[part])
 
     def rows(self, names: Sequence[str]) -> tuple[Array, Array]:

@@ -79,7 +79,7 @@ class Problem:
     normal_equations : callable, optional
         The same model for many trials, in one pass and without an array of all derivatives: from x
         (k, p) and the places of these k trials (k,) to their normal equations, with A the whitened
-        Jacobian and u the whitened residual. `least_squares_of_trials` takes it in place of
+        Jacobian and u the whitened residual. `least_squares_of_trials` takes it instead of
         `linearise` and `noise`. A noise that depends on x is without correlations here.
 
     Raises
@@ -139,7 +139,8 @@ class Problem:
         unknown = tuple(name for name in names if name not in self.names)
         if unknown:
             raise InputError(
-                f"{what}: no parameter '{unknown[0]}'; this problem has {', '.join(self.names)}",
+                f"{what}: there is no parameter {unknown[0]!r}; this problem has "
+                f"{', '.join(self.names)}",
                 key=what,
                 names=unknown,
             )

@@ -40,7 +40,7 @@ _EXACT = 1e-7  # of the root
 
 
 class ScatterModel(NamedTuple):
-    """How a kind of readings scatters: a share of their stated noise, and what is added to it."""
+    """The scatter of a kind of readings: a share of their stated noise, plus added noise."""
 
     share: float = 1.0  # of the variance
     excess: float = 0.0  # standard deviation of each component

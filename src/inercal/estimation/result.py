@@ -36,7 +36,7 @@ NO_ROWS: LazyValue[None] = LazyValue(lambda: None)
 
 @dataclass(frozen=True, eq=False)
 class ResidualGroup:
-    """Observations of one kind, with a χ² test for this kind alone.
+    """Observations of one kind, with a χ² test only for this kind.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Estimate:
     value : (..., p) array
         Estimates.
     covariance : (..., p, p) array
-        Their covariance as modelled, from the stated noise and priors; NaN where it does not exist.
+        Their covariance as modelled, from the stated noise and priors; NaN if it does not exist.
     chi2 : (...) array
         Sum of squared whitened residuals; with a robust loss each counts as its limited pull ψ.
     dof : int
@@ -101,7 +101,7 @@ class Estimate:
     singular_values : array
         Of those directions, descending: noise standard deviations per typical size.
     converged : (...) bool array
-        False where the search ended without a minimum: such a value must not be used.
+        False if the search ended without a minimum: such a value must not be used.
     iterations : (...) int array
         Steps tried.
     residual, whitened : (..., m) array
@@ -134,7 +134,7 @@ class Estimate:
     joint_priors : frozenset of str
         Quantities known beforehand whose correlations the estimator has counted.
     rows : LazyValue of WhitenedRows or None
-        The problem linearised at the solution; None where it was not kept.
+        The problem linearised at the solution; None if it was not kept.
     """
 
     names: tuple[str, ...]
@@ -172,7 +172,7 @@ class Estimate:
         singular_values: Array,
         notes: tuple[str, ...] = (),
     ) -> "Estimate":
-        """Return what closed formulas give, (p,): they leave no residual to test them by."""
+        """Return the result of closed formulas, (p,), which have no residuals to test."""
         return cls(
             names=names,
             value=value,
@@ -189,7 +189,7 @@ class Estimate:
 
     @cached_property
     def score_tests(self) -> ScoreTestSet:
-        """Score tests of what was not estimated; none where there are trials."""
+        """Score tests of parameters that were not estimated; empty if there are trials."""
         return replace(self.scoring(), noise_dof=self.noise_dof)
 
     @property
@@ -199,7 +199,7 @@ class Estimate:
 
     @property
     def consistent(self) -> NDArray[np.bool_]:
-        """True where χ² is within its one-sided 95 % bound; of groups, where none has excess."""
+        """True if χ² is within its one-sided 95 % bound or, with groups, none has excess."""
         if self.groups:
             return np.array(all(group.spread.excess == 0 for group in self.groups))
         if not self.dof:
@@ -208,14 +208,14 @@ class Estimate:
 
     @property
     def birge(self) -> Array:
-        """Factor on the uncertainties, (...): 1 where consistent or excess is in, else √(χ²/ν)."""
+        """Factor on the uncertainties, (...): 1 if consistent or excess was added, else √(χ²/ν)."""
         if self.groups:
             return np.ones(np.shape(self.chi2))
         return np.where(self.consistent, 1.0, np.sqrt(self.chi2 / max(self.dof, 1)))
 
     @property
     def largest_birge_ratio(self) -> Array:
-        """Scatter of the residuals over the stated scatter, (...), 1 where it is not larger.
+        """Scatter of the residuals over the stated scatter, (...); 1 if it is not larger.
 
         The Birge ratio, or the largest ratio of a group whose uncertainties were enlarged by it or
         by an excess.
@@ -235,7 +235,7 @@ class Estimate:
 
     @property
     def correlation(self) -> Array:
-        """Correlation coefficients, (..., p, p); zero where a gauge leaves no uncertainty."""
+        """Correlation coefficients, (..., p, p); zero if a gauge leaves no uncertainty."""
         sd = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
         product = sd[..., :, None] * sd[..., None, :]
         return self.covariance / np.where(product > 0, product, 1.0)
@@ -254,7 +254,7 @@ class Estimate:
         Returns
         -------
         (..., p) array or None
-            None where the covariance does not count the quantity.
+            None if the covariance does not count the quantity.
         """
         if name in self.sensitivities:
             return self.sensitivities[name]
@@ -290,7 +290,7 @@ class Estimate:
 def with_prior_covariance(
     estimate: Estimate, names: Sequence[str], mean: Array, covariance: Array
 ) -> Estimate:
-    """Return the estimate with the joint prior of quantities that it took as independent.
+    """Return the estimate with the joint prior of quantities that it treated as independent.
 
     An estimator has the quantities b with the prior N(b₀, D), D diagonal but for those whose
     correlations it counts (`Estimate.joint_priors`). Where their covariance is Σ, the difference of

@@ -83,7 +83,7 @@ def chi2_tail_probability(
 
 
 def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: float) -> float:
-    """Return the probability of a χ² as large as what a candidate leaves; 1 without dof.
+    """Return the probability of a χ² as large as the one a candidate leaves; 1 without dof.
 
     The size of a candidate is that of the first order, so that of a large cause some is left: a
     noncentral χ² with a twentieth of the amplitude that was explained.
@@ -95,7 +95,7 @@ def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: f
     explained : float
         By how much χ² falls.
     noise_dof : float
-        As of `chi2_tail_probability`.
+        As for `chi2_tail_probability`.
     """
     if dof <= 0:
         return 1.0
@@ -106,7 +106,7 @@ def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: f
 
 
 class ModelTest(NamedTuple):
-    """One test of the model: its statistic is χ² of `dof` degrees of freedom if the model holds."""
+    """One test of the model, with a statistic that is χ² with `dof` if the model is right."""
 
     name: str
     statistic: float
@@ -116,7 +116,7 @@ class ModelTest(NamedTuple):
 
     @property
     def p_value(self) -> float:
-        """Probability of a statistic at least as large where the model holds."""
+        """Probability of a statistic at least this large if the model is right."""
         return chi2_tail_probability(self.statistic, self.dof)
 
 
@@ -143,10 +143,10 @@ class Candidate:
         The largest plausible size of each component. A direction whose η at that size is below 3
         is not scored: what little the residuals show of it says nothing of its cause.
     stated_sds : (k,) array, optional
-        The standard deviation of what is stated of each component, where that is a value; 0 where
+        The standard deviation of what is stated of each component, where that is a value; 0 if
         it is stated as exact.
     changes : tuple of Change
-        Keys of the run file that let the method estimate it, where they are known here.
+        Keys of the run file that let the method estimate it, if known here.
     """
 
     name: str
@@ -198,7 +198,7 @@ class ExplainedResidual:
     projection: Array
 
     def product(self, other: "ExplainedResidual") -> float:
-        """Return the scalar product of what two candidates explain."""
+        """Return the scalar product of the effects of two candidates."""
         _, one, two = np.intersect1d(
             self.indices, other.indices, assume_unique=True, return_indices=True
         )
@@ -214,7 +214,7 @@ class ScoreTest:
     name, kind, components, units
         Of the candidate.
     size, sd : (k,) array
-        The components' estimate if they were estimated, and its standard deviation, SI; NaN where
+        The components' estimate if they were estimated, and its standard deviation, SI; NaN if
         the data leave a combination of them open.
     chi2 : float
         By how much χ² would fall.
@@ -252,7 +252,7 @@ class ScoreTest:
 
     @property
     def p_value(self) -> float:
-        """Probability of a fall of χ² at least as large where the candidate is zero."""
+        """Probability of a drop of χ² at least this large if the candidate is zero."""
         return chi2_tail_probability(self.chi2, self.dof)
 
     @property
@@ -268,7 +268,7 @@ class ScoreTest:
 
     @property
     def departure(self) -> float:
-        """The largest departure from what was stated, in its standard deviations; 0 of others.
+        """The largest departure from a stated value, in its standard deviations; 0 for others.
 
         Of what is stated as exact a sixth of the largest plausible size stands for the deviation.
         """
@@ -280,7 +280,7 @@ class ScoreTest:
 
     @property
     def contradicts_statement(self) -> bool:
-        """Whether it departs from its statement by more than 6 sd where it is hardly visible.
+        """Whether it departs from its stated value by more than 6 sd although it is hardly visible.
 
         What is estimated takes up all but a thousandth of its effect: the residuals show something
         else that resembles the rest of it.
@@ -288,7 +288,7 @@ class ScoreTest:
         return self.departure > _CONTRADICTION and self.visible_share < _HARDLY_VISIBLE
 
     def cosine(self, other: "ScoreTest") -> float:
-        """Return |cos| of the angle between what both explain; 0 where one explains nothing."""
+        """Return |cos| of the angle between the effects of both; 0 if one has no effect."""
         lengths = float(np.sqrt(self.chi2 * other.chi2))
         return abs(self.explained.product(other.explained)) / lengths if lengths > 0 else 0.0
 
@@ -315,12 +315,12 @@ class ScoreTestSet:
     noise_dof: float = np.inf
 
     def with_shifts(self, change: Callable[[Array], Array]) -> "ScoreTestSet":
-        """Return the same with shifts of other parameters, which a function makes of those here."""
+        """Return the same with shifts of other parameters, which a function computes from these."""
         scores = tuple(replace(one, shift=change(one.shift)) for one in self.scores)
         return replace(self, scores=scores)
 
     def adjusted(self, score: ScoreTest, p_value: float | None = None) -> float:
-        """Return the p-value of a score that holds for all candidates together.
+        """Return the p-value of a score adjusted for all candidates together.
 
         Parameters
         ----------

@@ -77,7 +77,7 @@ class Trials(Protocol[P]):
         ...
 
     def with_values(self, point: P, x: Array, chosen: Bools) -> P:
-        """Return the point with x, (trials, p), in the chosen trials, and all else as it is."""
+        """Return the point with x, (trials, p), in the chosen trials, and the rest unchanged."""
         ...
 
     def accepted(self, tried: P, point: P, chosen: Bools) -> P:

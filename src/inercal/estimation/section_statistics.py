@@ -112,7 +112,7 @@ class SectionStatistics:
 
     @property
     def significant_trend_sd(self) -> Array:
-        """Standard deviation of the channels' trends beyond what noise makes of slopes, per second.
+        """Standard deviation of the channels' trends beyond the effect of noise, per second.
 
         Of all channels together, in units of what noise makes of each, by moments. Zero where their
         test does not reject at 5 %, the level at which residuals enlarge uncertainties too: slopes

@@ -10,7 +10,7 @@ from inercal.basics.arrays import Array
 
 
 def column_lengths(matrix: Array) -> Array:
-    """Return the length of each column of a matrix, (m, n), and 1 where it is zero."""
+    """Return the length of each column of a matrix, (m, n), with 1 instead of zero."""
     size = np.linalg.norm(matrix, axis=0)
     return np.where(size > 0, size, 1.0)
 

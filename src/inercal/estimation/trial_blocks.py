@@ -131,7 +131,7 @@ def _common_start(problem: Problem, solved: Estimate) -> Array | None:
     """Return the mean solution if it fits some trials better than the start that all share.
 
     Many sensors of one type, or one sensor with other noise in each trial, are nearer to one
-    another than to a perfect sensor. None where each trial has a start of its own.
+    another than to a perfect sensor. None if each trial has a start of its own.
     """
     if problem.normal_equations is None or problem.start.ndim > 1 or not solved.converged.all():
         return None

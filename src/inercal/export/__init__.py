@@ -126,7 +126,9 @@ def export_calibration(
     if refit:
         if any("polynomial" in held for held in target.holds.values()):
             raise InputError(
-                f"refit: target {to} holds nonlinear terms; leave --refit out", key="--refit"
+                f"--refit: target {to} includes nonlinear terms, so a refit is not needed; "
+                "remove --refit",
+                key="--refit",
             )
         sensor = calibration.sensor
         readings = sensor.forward(samples.motion, calibration.values)
@@ -189,8 +191,8 @@ def _refusal(target: Target, cost: tuple[Cost, ...], lost: tuple[Loss, ...]) -> 
         else f"the error is unknown, because {unknown}"
     )
     return (
-        f"--lossless: {target.name} cannot hold {what}; {error}: choose another target, or leave "
-        "out --lossless"
+        f"--lossless: {target.name} cannot represent {what}; {error}. Choose another target, "
+        "or remove --lossless"
     )
 
 

@@ -54,7 +54,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class Loss:
-    """Terms that the target cannot hold.
+    """Terms that the target cannot represent.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ class Loss:
     names : tuple of str
         The coefficients.
     effect : float
-        The largest reading that they make over the range, m/s² or rad/s; NaN where it is unknown.
+        The largest reading that they make over the range, m/s² or rad/s; NaN if it is unknown.
     unknown : str
-        Why the effect is unknown; else empty.
+        Why the effect is unknown; otherwise empty.
     """
 
     measures: Measures
@@ -121,7 +121,7 @@ def sample(model: ExportModel, ranges: Ranges) -> Samples:
 def possible_samples(
     model: ExportModel, samples: Samples, possible: Callable[[Array], Array]
 ) -> Samples:
-    """Return samples whose readings are the nearest that a target can be given."""
+    """Return samples whose readings are the nearest ones that the target accepts."""
     readings = possible(samples.readings)
     y = np.zeros((len(readings), len(model.sensor.axes)))
     for k, (_, triad) in enumerate(model.triads):
@@ -138,8 +138,8 @@ def _corrected(model: ExportModel, motion: Motion, y: Array) -> Samples:
         back = calibration.correct(output, dw=np.zeros((1, 3)), dT=dT, dTdt=0.0)
     except NotInvertible as error:
         raise InputError(
-            f"over the calibrated range the model of {sensor.name} has no inverse ({error}); give "
-            "smaller ranges by --over-force and --over-rate"
+            f"over the calibrated range the model of {sensor.name} has no inverse ({error}); "
+            "give smaller ranges with --over-force and --over-rate"
         ) from None
     return Samples(motion, model.readings(output), model.motion(back), dT)
 
@@ -171,7 +171,7 @@ def costs(
 def losses(
     model: ExportModel, samples: Samples, target: Target, rendering: Rendering
 ) -> tuple[Loss, ...]:
-    """Return what a target cannot hold of a calibration, with the readings that it makes."""
+    """Return the terms of a calibration that a target cannot represent, and their effect."""
     holds = target.holds if rendering.holds is None else rendering.holds
     sensor, values = model.sensor, model.calibration.values
     complete = sensor.forward(samples.motion, values)
@@ -205,7 +205,7 @@ def losses(
 
 
 def _unmeasured(sensor: Sensor, basis: Basis) -> str:
-    """Return the quantity of a term that no axis of the sensor measures; "" where there is none."""
+    """Return the quantity of a term that no axis of the sensor measures; "" if there is none."""
     kinds = {axis.measures for axis in sensor.axes}
     if "f" not in kinds and basis.uses("fi", "fp", "fo", "si"):
         return "specific force"

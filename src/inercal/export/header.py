@@ -25,7 +25,7 @@ _ASCII = str.maketrans(
 
 
 def plain_text(text: str) -> str:
-    """Return a text as one line of ASCII, without what would end a comment.
+    """Return a text as one line of ASCII that cannot end a comment.
 
     >>> plain_text("µg */ B²")
     'ug * / B^2'
@@ -58,7 +58,7 @@ def header_lines(
     with_bias : sequence of Cost
         Where the target estimates the bias.
     source : str
-        Name of the calibration file; empty where there is none.
+        Name of the calibration file; empty if there is none.
     refitted : bool
         Whether the linear terms were fitted over the range.
     """
@@ -73,15 +73,15 @@ def header_lines(
     if refitted:
         lines.append("the linear terms are a least-squares fit over the range below (refit)")
     lines += [_loss_text(one) for one in losses] or [
-        "the target holds every coefficient of the calibration"
+        "the target includes every coefficient of the calibration"
     ]
     lines.append(_range_text(ranges, model))
     lines += [_cost_text("error of this file", one) for one in costs]
     if with_bias:
-        lines += [_cost_text("the same with the biases below subtracted", c) for c in with_bias]
+        lines += [_cost_text("the same after subtracting the biases below", c) for c in with_bias]
         lines += [
-            f"bias of {QUANTITIES[kind].name} at {_celsius(model):.6g} degC, not read by the "
-            "target: "
+            f"bias of {QUANTITIES[kind].name} at {_celsius(model):.6g} degC, which the target "
+            "does not read: "
             + ", ".join(f"{x:.9g}" for x in triad.bias)
             + f" {QUANTITIES[kind].ascii_unit}"
             for kind, triad in model.triads
@@ -129,7 +129,7 @@ def _frame_text(model: ExportModel) -> str:
 
 def _loss_text(one: Loss) -> str:
     shown = ", ".join(one.names[:6]) + (" ..." if len(one.names) > 6 else "")
-    return f"NOT held: {one.word} ({shown}), {one.effect_text()}"
+    return f"NOT included: {one.word} ({shown}), {one.effect_text()}"
 
 
 def _range_text(ranges: Ranges, model: ExportModel) -> str:
@@ -143,7 +143,7 @@ def _range_text(ranges: Ranges, model: ExportModel) -> str:
         low, high = (t - ZERO_CELSIUS for t in ranges.temperature)
         parts.append(f"{low:.4g} to {high:.4g} degC")
     elif model.sensor.uses("dT"):
-        parts.append(f"{_celsius(model):.4g} degC only: no range of temperature is stated")
+        parts.append(f"{_celsius(model):.4g} degC only, because no range of temperature is stated")
     return f"range: {'; '.join(parts)}"
 
 

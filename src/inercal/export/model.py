@@ -150,7 +150,7 @@ class ExportModel:
             if have == kind:
                 return triad
         raise InputError(
-            f"{target} holds {QUANTITIES[kind].sensors}, and sensor {self.sensor.name} has "
+            f"{target} is for {QUANTITIES[kind].sensors}, but sensor {self.sensor.name} has "
             "none; choose another target",
             names=self.sensor.channels,
         )
@@ -212,7 +212,7 @@ def _turned_rows(
     """Return the sensor's axis of each channel of the target, and its readout."""
     if len(rows) != 3:
         raise InputError(
-            f"sensor {sensor.name} has {len(rows)} {QUANTITIES[kind].sensors}: an export takes "
+            f"sensor {sensor.name} has {len(rows)} {QUANTITIES[kind].sensors}; an export needs "
             "three of a kind",
             names=sensor.channels,
         )
@@ -221,7 +221,7 @@ def _turned_rows(
     if len({one.unit for one in readouts}) > 1:
         raise InputError(
             f"the {QUANTITIES[kind].sensors} of {sensor.name} have readings in "
-            f"{', '.join(one.unit for one in readouts)}: an export takes one unit",
+            f"{', '.join(one.unit for one in readouts)}; an export needs the same unit for all",
             names=sensor.channels,
         )
     return picked, readouts
@@ -243,7 +243,9 @@ def parse_axes(text: str) -> Array:
             turn[row, "xyz".index(name)] = -1.0 if word.startswith("-") else 1.0
     if np.linalg.det(turn) < 0.5:
         raise InputError(
-            f"axes {text!r}: give x, y and z once each, right-handed, such as 'x -y -z'", key="axes"
+            f"axes {text!r} are not possible; give x, y and z once each, right-handed, such as "
+            "'x -y -z'",
+            key="axes",
         )
     return turn
 

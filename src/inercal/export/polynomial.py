@@ -64,7 +64,7 @@ class CodeModel:
     ----------
     model : ExportModel
     limits : (float, float) or None
-        °C, between which temperatures are clipped; None where no range is stated.
+        °C, between which temperatures are clipped; None if no range is stated.
     passes : int
         Number of passes; 0 for a linear model.
     """
@@ -142,8 +142,9 @@ def code_model(request: Request) -> CodeModel:
         if np.abs(estimate - x).max() <= _SETTLED * size:
             return replace(one, passes=passes)
     raise InputError(
-        f"the nonlinear terms of {model.sensor.name} are too large for code of {_MAX_PASSES} "
-        "passes over the range; give a smaller range, or --refit to a target without them"
+        f"the nonlinear terms of {model.sensor.name} are too large for code with {_MAX_PASSES} "
+        "passes over the range; give a smaller range, or use --refit with a target without "
+        "these terms"
     )
 
 

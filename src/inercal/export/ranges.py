@@ -27,7 +27,7 @@ class Ranges:
     force, rate : (float, float)
         m/s² and rad/s.
     temperature : (float, float) or None
-        K; None where the calibration states none.
+        K; None if the calibration states none.
     assumed : tuple of str
     """
 
@@ -44,7 +44,7 @@ def calibrated_ranges(
     rate: Range | None = None,
     temperature: Range | None = None,
 ) -> Ranges:
-    """Return the stated ranges, else those of the calibration's data, else ±1 g and ±1 rad/s.
+    """Return the stated ranges, or else those of the calibration's data, or ±1 g and ±1 rad/s.
 
     Parameters
     ----------
@@ -124,8 +124,8 @@ def temperature_limits(
     high = highest if known is None or highest is not None else known[1] - ZERO_CELSIUS
     if low is None or high is None:
         raise InputError(
-            f"{target} corrects between two temperatures, which the calibration does not state: "
-            "give --over-temperature, such as '-10 60 °C'",
+            f"{target} corrects between two temperatures, but the calibration does not state "
+            "them; give --over-temperature, such as '-10 60 °C'",
             key="temperature",
         )
     if known is not None:

@@ -17,7 +17,7 @@ REFERENCE = Sensor("", ()).reference_temperature
 
 @dataclass(frozen=True, eq=False)
 class StatedTriad:
-    """What a file states of three axes; None where it states nothing.
+    """What a file states of three axes; None if it states nothing.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class CalibrationReader:
 def parameter_calibration(
     program: str, triads: Mapping[str, StatedTriad], references: set[float], parameter: str
 ) -> StatedCalibration:
-    """Return what the parameters of a flight controller state.
+    """Return the calibration that the parameters of a flight controller state.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ def parameter_calibration(
     """
     if len(references) > 1:
         raise InputError(
-            f"{parameter} of accelerometers and gyros differ; a sensor of inercal has one "
-            "reference temperature: import a file with one of the two"
+            f"{parameter} of accelerometers and gyros differ, but a sensor of inercal has only "
+            "one reference temperature; import a file with only one of the two kinds"
         )
     return StatedCalibration(
         triads.get("f"),

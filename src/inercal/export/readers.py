@@ -42,7 +42,7 @@ READERS: Registry[CalibrationReader] = Registry(
     },
 )
 _LARGEST = 4 << 20  # bytes: parameters of a flight controller are 100 kilobytes
-WITHOUT_COVARIANCE = "imported without covariance: its uncertainties are not known"
+WITHOUT_COVARIANCE = "imported without covariance, so its uncertainties are not known"
 _LARGEST_SCALE_ERROR = 0.5
 
 
@@ -88,7 +88,9 @@ def import_calibration(
         named = name or (path.name.partition(".")[0] if like is None else like.sensor.name)
         calibration = _build_calibration(stated, like, named, of)
     except UnicodeDecodeError:
-        raise InputError(f"{path}: no text; give a {reader.meaning} file", file=path) from None
+        raise InputError(
+            f"{path} contains no text; give a {reader.meaning} file", file=path
+        ) from None
     except InputError as error:
         raise error.located(path) from None
     provenance = {
@@ -142,8 +144,8 @@ def _axes(stated: StatedCalibration, like: Calibration | None, kind: Measures) -
     found = [axis for axis in like.sensor.axes if axis.measures == kind]
     if len(found) != 3:
         raise InputError(
-            f"the file states three {QUANTITIES[kind].sensors}, and {like.sensor.name} has "
-            f"{len(found)}; give a calibration of the same sensor by --like",
+            f"the file states three {QUANTITIES[kind].sensors}, but {like.sensor.name} has "
+            f"{len(found)}; give a calibration of the same sensor with --like",
             key="--like",
         )
     return found
@@ -215,6 +217,6 @@ def _temperature_name(kind: Measures, order: int) -> str:
         if term_kind(kind, term) == "bias_temperature" and temperature_order(term) == order:
             return term.name
     raise InputError(
-        f"the bias of {QUANTITIES[kind].sensors} has a term of order {order} in temperature, for "
-        "which inercal has no coefficient"
+        f"the bias of {QUANTITIES[kind].sensors} has a term of order {order} in temperature, "
+        "but inercal has no coefficient for it"
     )

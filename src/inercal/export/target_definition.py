@@ -23,7 +23,7 @@ class TargetOption:
     ----------
     name, meaning : str
     default : object
-        None where it need not be stated and has no default.
+        None if it need not be stated and has no default.
     required : bool
     kind : type
         int, float or str; a text becomes one.

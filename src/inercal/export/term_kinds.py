@@ -74,7 +74,7 @@ def temperature_order(term: ErrorTerm) -> int:
 
 
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
-    """Return what each coefficient measures, its kind and its power of temperature."""
+    """Return the quantity, kind and power of temperature of each coefficient."""
     measures: dict[str, Measures] = {axis.name: axis.measures for axis in sensor.axes}
     found: list[tuple[Measures, TermKind, int]] = []
     for full in sensor.coefficients:

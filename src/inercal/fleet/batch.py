@@ -1,4 +1,4 @@
-"""A batch of sensors: the task that a worker computes. One sensor that fails ends no batch."""
+"""A batch of sensors, which is the task of a worker; a sensor that fails does not end the batch."""
 
 import re
 import traceback
@@ -30,9 +30,9 @@ class Work:
     ----------
     row : SensorRow
     digest : str
-        Of its run file (`Line.digest`).
+        Digest of its run file (`Line.digest`).
     version : Version
-        Of its recording.
+        Version of its recording.
     arrived : bool
         Whether a station took the recording.
     """
@@ -45,14 +45,14 @@ class Work:
 
 @dataclass(frozen=True)
 class BatchDone:
-    """What a worker returns: counts, not coefficients.
+    """What a worker returns, which is counts, not coefficients.
 
     Parameters
     ----------
     done, failed : int
         Sensors.
     seconds : tuple of float
-        Wall time of each of them.
+        Wall time of each sensor.
     """
 
     done: int
@@ -61,12 +61,12 @@ class BatchDone:
 
 
 def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
-    """Calibrate sensors, and write their rows as one part; each sensor is a step of the task.
+    """Calibrate sensors and write their rows as one part; each sensor is a step of the task.
 
     Parameters
     ----------
     line : Line
-        It need not have their rows.
+        The line, which need not have their rows.
     out : ResultWriter
         Of the results.
     work : sequence of Work

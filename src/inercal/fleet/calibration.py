@@ -1,4 +1,4 @@
-"""A line calibrated in batches: what is done is skipped, what fails is a row, nothing is lost."""
+"""Calibrates a line in batches, skipping finished sensors and recording failures as rows."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -27,16 +27,16 @@ SUMMARY = "_fleet.json"  # readers of datasets leave such names out
 
 @dataclass
 class Counts:
-    """Sensors of a line by what became of them.
+    """Number of sensors of a line by status.
 
     Parameters
     ----------
     sensors : int
         In the table.
     kept, kept_failed : int
-        With a result that was there, and how many of these have no calibration.
+        Sensors that already had a result, and how many of these have no calibration.
     done, failed, lost : int
-        Calibrated now; refused now; whose worker died.
+        Sensors calibrated now, refused now, and those whose worker died.
     tasks : int
         Batches.
     """
@@ -51,7 +51,7 @@ class Counts:
 
     @property
     def settled(self) -> int:
-        """Sensors that need no more work."""
+        """Number of sensors that need no more work."""
         return self.kept + self.done + self.failed + self.lost
 
 
@@ -71,15 +71,15 @@ def calibrate_line(
     ----------
     line : Line
     executor : TolerantExecutor
-        Where batches are computed, four times as many at once as it has workers; it is not closed.
+        Computes the batches, four times as many at once as it has workers; it is not closed.
     out : Path, optional
         Folder of the results; by default `fleet` in the line's folder.
     batch : int, optional
-        Sensors of a batch; by default as many as take two seconds.
+        Number of sensors in a batch; by default as many as take about two seconds.
     retry_failed : bool
-        Whether sensors that failed with the same recording and run file are tried again.
+        Whether to try sensors again that failed with the same recording and run file.
     timeout : float, optional
-        The longest time of a sensor, s; by default as of `TimeLimit`. A `SerialExecutor` has no
+        The time limit of a sensor, s; by default that of `TimeLimit`. A `SerialExecutor` has no
         limit.
     progress : callable, optional
         Called after each batch.
@@ -87,8 +87,8 @@ def calibrate_line(
     Raises
     ------
     InputError
-        The template is wrong for every sensor, or results cannot be written. Results that are
-        there stay.
+        The template is wrong for every sensor, or results cannot be written. Existing results are
+        kept.
     """
     folder = line.folder / results.FOLDER if out is None else out
     counts = Counts(len(line.rows))
@@ -110,7 +110,7 @@ def calibrate_line(
 
 
 def write_summary(folder: Path, counts: Counts) -> None:
-    """Write counts and version to the folder of the parts."""
+    """Write the counts and the version to the folder of the parts."""
     content = {"inercal": version("inercal"), **vars(counts)}
     write_text(folder / SUMMARY, json.dumps(content, indent=1) + "\n")
 
@@ -174,7 +174,7 @@ _Compute = Callable[[Line, ResultWriter, Sequence[Work]], BatchDone]
 
 
 class Scheduling:
-    """Batches that are handed out and taken back, with few of them under way.
+    """Hands out batches and takes results back, with few batches in progress.
 
     Parameters
     ----------
@@ -183,15 +183,15 @@ class Scheduling:
         Of the results.
     executor : TolerantExecutor
     batch : int or None
-        Sensors of a batch; None for as many as take two seconds.
+        Number of sensors in a batch; None for as many as take two seconds.
     counts : Counts
-        Of the line, which is kept up to date.
+        Counts of the line, which are kept up to date.
     progress : callable or None
         Called with the counts after each batch.
     compute : callable
-        Computes a batch: from the line without its rows, `out` and the work.
+        Computes a batch from the line without its rows, `out` and the work.
     limit : TimeLimit
-        Of a sensor.
+        Time limit of a sensor.
     """
 
     def __init__(

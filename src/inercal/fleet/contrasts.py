@@ -1,11 +1,11 @@
-"""Trends and differences over a fleet: contrasts aᵀy whose variance knows the lots.
+"""Trends and differences over a fleet: contrasts aᵀy whose variance takes lots into account.
 
-Sensors of one lot are alike, so that their number alone says too much::
+Sensors of one lot are similar, so their number overstates the information::
 
     var aᵀy = Σ a_i² (u_i² + σ²) + σ_L² Σ_lots (Σ_i∈lot a_i)²
 
-Student's distribution judges them, with the degrees of freedom of both scatters by Welch and
-Satterthwaite. Of all contrasts of a fleet the share of false ones is bounded
+They are tested with Student's distribution, with the degrees of freedom of both scatters by Welch
+and Satterthwaite. The share of false ones among all contrasts of a fleet is limited
 (`false_discovery_selection`).
 """
 # SciPy has no stubs.
@@ -37,7 +37,7 @@ class Contrast:
         Over the whole range of serial order or time, or against all other stations.
     p_value : float
     significant : bool
-        Whether it is among those whose share of false ones is bounded.
+        Whether it is one of those whose share of false ones is limited.
     """
 
     coefficient: str
@@ -57,9 +57,9 @@ def trend(
     Parameters
     ----------
     name : str
-        Of `at`.
+        Name of `at`.
     at : (n,) array
-        Serial order or time; rows where it is not a number do not count.
+        Serial order or time; rows where it is not a number are ignored.
     names : sequence of str
         Coefficients, p.
     value, std : (n, p) arrays
@@ -80,7 +80,7 @@ def station_differences(
     stations: Grouping, names: Sequence[str], value: Array, std: Array, lots: Grouping,
     components: Sequence[Components],
 ) -> list[Contrast]:  # fmt: skip
-    """Return the mean of each station minus that of the sensors of all others."""
+    """Return the mean of each station minus the mean of the sensors of all others."""
     found: list[Contrast] = []
     for k, station in enumerate(stations.names):
         own = stations.places == k
@@ -92,7 +92,7 @@ def station_differences(
 
 
 def marked(contrasts: Sequence[Contrast], rate: float = FALSE_DISCOVERIES) -> list[Contrast]:
-    """Return the contrasts with those marked that are significant among all."""
+    """Return the contrasts, with those marked that are significant among all."""
     tails = np.array([one.p_value for one in contrasts])
     chosen = set(false_discovery_selection(tails, rate).tolist()) if contrasts else set[int]()
     return [replace(one, significant=k in chosen) for k, one in enumerate(contrasts)]

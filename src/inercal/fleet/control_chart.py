@@ -1,9 +1,10 @@
-"""χ²/ν of the residuals over time, station by station: a control chart of each bench.
+"""Control charts of each bench: χ²/ν of the residuals over time, station by station.
 
-The residuals do not know the sensors' coefficients: their scatter shows the table, the fixture and
-the noise. A point is the sum of χ² over that of ν of consecutive runs. Its limits are where χ²
-falls with a probability of 0.27 % over all points of the charts, about the median of all runs: a
-fleet whose stated noise is too large throughout is in control, and its centre is not 1.
+The residuals do not depend on the sensors' coefficients, so their scatter shows the table, the
+fixture and the noise. A point is the sum of χ² divided by the sum of ν of consecutive runs. With
+the limits about the median of all runs, the probability that any point of the charts is beyond them
+is 0.27 %. A fleet whose stated noise is too large throughout is in control; its centre is then not
+1.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -28,10 +29,10 @@ class ControlChart:
     ----------
     station : str
     at : (m,) array
-        Mean time of the runs of each point, days since 1970; their number in serial order where no
+        Mean time of the runs of each point, days since 1970, or their number in serial order if no
         time is stated.
     ratio, low, high : (m,) arrays
-        χ²/ν with its limits.
+        χ²/ν and its limits.
     runs : int
     """
 
@@ -49,7 +50,7 @@ class ControlChart:
 
 
 def control_charts(population: Population) -> tuple[float, list[ControlChart]]:
-    """Return the centre of the charts, and the chart of each station whose runs have χ²."""
+    """Return the centre of the charts and the chart of each station whose runs have χ²."""
     timed = bool(np.isfinite(population.days).all())
     at = population.days if timed else np.arange(len(population.ids), dtype=float)
     judged = np.isfinite(population.chi2) & (population.dof > 0)

@@ -1,4 +1,4 @@
-"""Results of a fleet: a table with one row per sensor, or one file per sensor for a target."""
+"""Exports the results of a fleet: one table with a row per sensor, or one file per sensor."""
 
 import csv
 import math
@@ -29,21 +29,21 @@ SUFFIXES = (".csv", ".parquet")
 def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
     """Write the results of a line as a CSV or Parquet table.
 
-    Returns for each sensor why its result is outdated, as its column says; empty where it is not.
+    Returns for each sensor why its result is outdated, as in the table; empty if it is not.
 
     Parameters
     ----------
     line : Line
-        Its sensors are written; those that it lacks are left out.
+        Only its sensors are written.
     folder : Path
         Of the parts.
     path : Path
-        Its suffix says the format.
+        The suffix determines the format.
 
     Raises
     ------
     InputError
-        Another suffix, no results, or the file cannot be written.
+        The suffix is unknown, there are no results, or the file cannot be written.
     """
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: the suffix must be {' or '.join(SUFFIXES)}", file=path)
@@ -51,7 +51,7 @@ def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
     by_id = {row.id: row for row in line.rows}
     rows = latest_results(line, folder, columns).to_pylist()
     if not rows:
-        raise InputError(f"{folder}: no results; calibrate the line first", file=folder)
+        raise InputError(f"{folder} contains no results; calibrate the line first", file=folder)
     # One sensor of each set of coefficients says their units.
     sets = {row["coefficients"]: by_id[row["id"]] for row in rows if row["coefficients"]}
     units: dict[str, tuple[str, float]] = {}
@@ -103,7 +103,7 @@ class FleetExport(NamedTuple):
     Parameters
     ----------
     files : tuple of Path
-        Those that were written.
+        The files that were written.
     without : mapping of str to str
         Why a sensor has no file, by id.
     unreliable : tuple of str
@@ -135,7 +135,7 @@ def export_files(
     Parameters
     ----------
     line : Line
-        Its sensors are written; those without a calibration are left out.
+        Its sensors are written, except those without a calibration.
     folder : Path
         Of the parts.
     out : Path
@@ -143,17 +143,17 @@ def export_files(
     to : str
         Name of the target.
     options, axes, lossless
-        As of `export_calibration`, for all sensors.
+        As for `export_calibration`; they apply to all sensors.
     columns : mapping of str to str, optional
         Columns of the table of sensors by option of the target, such as the device id of each.
     force : bool
-        Whether to write over files.
+        Whether to overwrite files.
 
     Raises
     ------
     InputError
-        No results, a column that is missing or empty, a file that exists, or what the target
-        refuses, with the sensor. No file is written then.
+        There are no results, a column is missing or empty, a file already exists, or the target
+        refuses a sensor, which the message names. Then no file is written.
     """
     from inercal.export import TARGETS, export_calibration
 
@@ -171,7 +171,9 @@ def export_files(
                 continue
             path = _sensor_file(out, row["id"], target.file_suffix)
             if path.exists() and not force:
-                raise InputError(f"{path} exists: name another folder, or use --force", file=path)
+                raise InputError(
+                    f"{path} already exists; give another folder, or use --force", file=path
+                )
             if row["grade"] == "unreliable":
                 unreliable.append(row["id"])
             if row[OUTDATED]:
@@ -193,7 +195,9 @@ def export_files(
                 raise error.located(f"sensor {row['id']}") from None
             texts[path] = made.text
     if not texts:
-        raise InputError(f"{folder}: no calibrated sensors; calibrate the line first", file=folder)
+        raise InputError(
+            f"{folder} contains no calibrated sensors; calibrate the line first", file=folder
+        )
     make_folder(out)
     with atomic_write_all(list(texts)) as parts:
         for part, text in zip(parts, texts.values(), strict=True):
@@ -202,19 +206,19 @@ def export_files(
 
 
 def sensor_calibration(line: Line, folder: Path, name: str) -> Calibration:
-    """Return the calibration of a sensor; the provenance of an outdated one says why it is.
+    """Return the calibration of a sensor; if it is outdated, its provenance says why.
 
     Raises
     ------
     InputError
-        No such sensor, or one without a calibration.
+        There is no such sensor, or it has no calibration.
     """
     sensor = tuple(row for row in line.rows if row.id == name)
     columns = ("status", "error", "calibration")
     parts = latest_rows_by_part(replace(line, rows=sensor), folder, columns)
     found = next((row for rows in parts for row in rows), None)
     if found is None:
-        what = "no result yet; calibrate the line" if sensor else "it is not in the table"
+        what = "it has no result yet; calibrate the line" if sensor else "it is not in the table"
         raise InputError(f"{folder}: sensor {name!r}: {what}", file=folder, names=(name,))
     if found["status"] != results.DONE:
         raise InputError(
@@ -225,7 +229,7 @@ def sensor_calibration(line: Line, folder: Path, name: str) -> Calibration:
 
 def _sensor_file(out: Path, name: str, suffix: str) -> Path:
     if Path(name).name != name or name in (".", ".."):
-        raise InputError(f"sensor {name!r}: its id is no name of a file", names=(name,))
+        raise InputError(f"sensor {name!r}: its id cannot be used as a file name", names=(name,))
     return out / f"{name}{suffix}"
 
 
@@ -234,7 +238,7 @@ def _from_columns(row: SensorRow, columns: Mapping[str, str]) -> dict[str, str]:
     for option, column in columns.items():
         if not known.get(column):
             raise InputError(
-                f"the table of sensors states no {column!r} for --column {option}; it has "
+                f"the table of sensors has no {column!r} for --column {option}; it has "
                 f"{', '.join(known)}",
                 key="--column",
                 names=(column,),

@@ -43,7 +43,7 @@ def distribution_figure(
     chosen : sequence of CoefficientStatistics
         The rows of the figure.
     name : str
-        Of the figure; another one of the page has another name.
+        Name of the figure; each figure of a page needs a different one.
     """
     below = [_BELOW] * len(chosen)
     figure, rows = drawing.panels(_HEIGHT, below, 2)
@@ -59,9 +59,9 @@ def distribution_figure(
         _draw_normal(left, value.size, one.components.mean / term.si, sd)
         left.set_title(f"{one.name}, {term.unit}")
         _draw_quantiles(right, value, limits)
-        right.set_title(f"{one.name}, {term.unit}, over serial order")
+        right.set_title(f"{one.name}, {term.unit}, in serial order")
     names = ", ".join(one.name for one in chosen)
-    return svg(figure, name, f"Distribution and quantiles over serial order of {names}")
+    return svg(figure, name, f"Distribution and quantiles in serial order of {names}")
 
 
 def _draw_histogram(axes: Axes, value: Array, limits: Sequence[float]) -> None:
@@ -125,7 +125,7 @@ def control_figure(centre: float, charts: Sequence[ControlChart], name: str, tim
     charts : sequence of ControlChart
     name : str
     timed : bool
-        Whether the points have times, in days since 1970; else they have serial numbers.
+        Whether the points have times, in days since 1970; otherwise they have serial numbers.
     """
     lines = -(-len(charts) // 2)
     figure, rows = drawing.panels(_HEIGHT, [_BELOW] * lines, 2)
@@ -138,7 +138,7 @@ def control_figure(centre: float, charts: Sequence[ControlChart], name: str, tim
             axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
     for axes in panels[len(charts) :]:
         axes.set_axis_off()
-    return svg(figure, name, "χ²/ν of the residuals over time, one panel a station")
+    return svg(figure, name, "χ²/ν of the residuals over time, one panel for each station")
 
 
 def _draw_chart(axes: Axes, centre: float, chart: ControlChart) -> None:

@@ -1,4 +1,4 @@
-"""What the statistics of a fleet say: in sentences, and as a JSON object."""
+"""States what the statistics of a fleet say, in sentences and as a JSON object."""
 
 from collections.abc import Sequence
 from math import inf, isfinite, isnan
@@ -17,7 +17,7 @@ _NAMED = 8  # of each finding that are listed
 
 
 def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
-    """Return what the statistics say: a summary, and what needs attention."""
+    """Return a summary of the statistics, and lines about what needs attention."""
     population = found.population
     count = format_count(len(population.ids), "sensor")
     if found.yields:
@@ -32,37 +32,38 @@ def _findings(found: FleetStatistics) -> list[str]:
     texts: list[str] = []
     if found.population.outdated:
         outdated = format_count(found.population.outdated, "result is", "results are")
-        texts.append(f"{outdated} outdated: calibrate the line again")
+        texts.append(f"{outdated} outdated; calibrate the line again")
     if found.outliers:
         outliers = format_count(len(found.outliers), "outlier")
         named = ", ".join(one.id for one in found.outliers[:_NAMED])
         more = f" and {len(found.outliers) - _NAMED} more" * (len(found.outliers) > _NAMED)
-        texts.append(f"{outliers} ({found.outliers_by_chance:g} expected by chance): {named}{more}")
+        chance = f"{found.outliers_by_chance:g} would be expected by chance"
+        texts.append(f"{outliers} ({chance}): {named}{more}")
     drifting = [one for one in found.contrasts if one.significant]
     if drifting:
         names = dict.fromkeys(f"{one.coefficient} ({one.of})" for one in drifting)
         listed = ", ".join(list(names)[:_NAMED])
         trends = format_count(
             len(drifting),
-            "significant trend or difference",
-            "significant trends or differences",
+            "trend or difference between stations is",
+            "trends or differences between stations are",
         )
-        texts.append(f"{trends} of stations: {listed}")
+        texts.append(f"{trends} significant: {listed}")
     beyond = [one for one in found.charts if one.beyond]
     if beyond:
         listed = ", ".join(
             f"{one.station or 'all stations'} ({one.beyond})" for one in beyond[:_NAMED]
         )
-        texts.append(f"χ²/ν beyond its control limits: {listed}")
+        texts.append(f"χ²/ν is beyond its control limits at {listed}")
     hidden = [one.name for one in found.coefficients if isnan(one.summary.truth_sd)]
     if hidden:
         texts.append(
-            "the values scatter less than their uncertainties; u is stated too large, or hides the "
-            f"scatter in truth: {', '.join(hidden)}"
+            "these coefficients scatter less than their uncertainties explain, so either u is "
+            f"stated too large or it hides the scatter in truth: {', '.join(hidden)}"
         )
     poor = [one.name for one in found.coefficients if one.observed and one.observed.high < 1]
     if poor:
-        texts.append(f"Cpk is below 1: {', '.join(poor)}")
+        texts.append(f"Cpk is below 1 for {', '.join(poor)}")
     return texts
 
 

@@ -1,7 +1,7 @@
-"""What a sensor would be calibrated from now, and in what a result that is there differs from it.
+"""Compares what a sensor would be calibrated from now with what its existing result used.
 
-No clock is asked. Two computers disagree about the time, and one that was set back has results of
-the future.
+No clock is used, because two computers may disagree about the time, and one whose clock was set
+back has results from the future.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ _REQUESTS = 16  # to a store at once: each takes some 50 ms, and a sensor needs 
 
 @dataclass(frozen=True)
 class SensorInputs:
-    """What a sensor would be calibrated from now.
+    """The inputs from which a sensor would be calibrated now.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class SensorInputs:
     digest : str
         Of its run file (`Line.digest`).
     found : Version or InputError
-        Of its recording, or why there is none.
+        Version of its recording, or the reason why there is none.
     """
 
     folder: Path
@@ -45,14 +45,14 @@ class SensorInputs:
 
     @cached_property
     def recording_sha256(self) -> str:
-        """SHA-256 of the recording; empty for one in a store, and for one that cannot be read."""
+        """SHA-256 of the recording; empty if it is in a store or cannot be read."""
         if not is_address(self.row.recording):
             with suppress(OSError):
                 return file_sha256(self.folder / self.row.recording)
         return ""
 
     def difference(self, result: Mapping[str, Any]) -> str:
-        """Return why a calibration now may give another result, in words; empty if it would not.
+        """Return in words why a calibration now may give another result; empty if it would not.
 
         Parameters
         ----------
@@ -60,7 +60,7 @@ class SensorInputs:
             A row of the results with the columns of `COMPARED`.
         """
         if result["sections_sha256"] != self.digest:
-            return "the run file or a file that it names has changed since"
+            return "the run file or a file that it names has changed since then"
         if result["inercal"] != INSTALLED:
             return f"it was computed by inercal {result['inercal']}"
         stated = Version(result["size"], result["mark"])
@@ -71,7 +71,7 @@ class SensorInputs:
         # Copied or touched: the content counts.
         if self.recording_sha256 and self.recording_sha256 == result["recording_sha256"]:
             return ""
-        return "its recording has changed since"
+        return "its recording has changed since then"
 
 
 COMPARED = (
@@ -102,9 +102,9 @@ def _each(line: Line, rows: Sequence[SensorRow]) -> Iterator[SensorInputs]:
 
 
 def result_difference(line: Line, now: SensorInputs, result: Mapping[str, Any]) -> str:
-    """Return why a calibration of a sensor now may give another result than one that is there.
+    """Return why calibrating a sensor now may give a result that differs from the existing one.
 
-    The table's recording counts. Where there is none, a recording that arrived at a station does.
+    The recording named in the table is used or, if there is none, one that arrived at a station.
 
     Parameters
     ----------

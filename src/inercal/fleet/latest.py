@@ -1,8 +1,8 @@
-"""The result of each sensor that counts: by what its run file and its recording are now.
+"""Selects the result of each sensor that is valid for its present run file and recording.
 
-Of several results of one sensor one of the present run file and recording counts before all others,
-a calibration before a failure, and then the latest generation. A result that may differ from a
-calibration now is marked with the reason.
+If a sensor has several results, one from the present run file and recording is preferred, then a
+calibration over a failure, then the latest generation. A result that may differ from a calibration
+now is marked with the reason.
 """
 
 from collections import Counter
@@ -26,9 +26,9 @@ def latest_results(
     columns: Iterable[str] | None = None,
     now: Mapping[str, SensorInputs] | None = None,
 ) -> Table:
-    """Return the result of each sensor of a line, sorted by id, with the column `OUTDATED`.
+    """Return the valid result of each sensor of a line, sorted by id, with the column `OUTDATED`.
 
-    That column says why a calibration now may give another result; it is empty where none would.
+    That column says why a calibration now may give another result; it is empty if it would not.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ def latest_results(
     folder : Path
         Of the parts; it need not exist.
     columns : iterable of str, optional
-        Only these, and those by which a result counts.
+        Only these columns and those that decide which result is valid.
     now : mapping of str to SensorInputs, optional
-        As of `line_inputs`, where it is known.
+        As returned by `line_inputs`, if it is known.
 
     Raises
     ------
     InputError
-        A part that is damaged.
+        A part is damaged.
     """
     pa: Any = import_module("pyarrow")
     wanted = None if columns is None else (*_COUNTED_BY, *columns)
@@ -61,12 +61,12 @@ def latest_results(
 def latest_rows_by_part(
     line: Line, folder: Path, columns: Iterable[str]
 ) -> Iterator[list[dict[str, Any]]]:
-    """Yield, part by part, the results that count: in the memory of a part.
+    """Yield the valid results part by part, needing only the memory of one part.
 
     Parameters
     ----------
     line : Line
-        Its sensors alone.
+        Only its sensors are returned.
     folder : Path
         Of the parts.
     columns : iterable of str
@@ -75,7 +75,7 @@ def latest_rows_by_part(
     Raises
     ------
     InputError
-        A part that is damaged.
+        A part is damaged.
     """
     paths = part_paths(folder)
     counting = _counting_rows(
@@ -100,7 +100,7 @@ def outdated_lines(reasons: Mapping[str, str]) -> list[str]:
     for reason, count in Counter(filter(None, reasons.values())).items():
         names = [name for name, one in reasons.items() if one == reason][:_NAMES]
         more = f" and {count - _NAMES} more" * (count > _NAMES)
-        texts.append(f"{', '.join(names)}{more}: the result is outdated: {reason}")
+        texts.append(f"{', '.join(names)}{more}: the result is outdated, because {reason}")
     return texts
 
 

@@ -1,4 +1,4 @@
-"""A production line in a folder: a template run file, and a table of sensors that fill it.
+"""A production line in a folder: a template run file, and a table of sensors to fill it in.
 
 ::
 
@@ -68,7 +68,7 @@ class Line:
     ----------
     folder : Path
     template : mapping
-        The sections of its run file.
+        The sections of its template run file.
     rows : tuple of SensorRow
     """
 
@@ -93,19 +93,19 @@ class Line:
         ----------
         row : SensorRow
         digest : str, optional
-            Of its run file, where it is known.
+            Digest of its run file, if it is known.
 
         Raises
         ------
         InputError
-            As of `inercal.runfile.read`, or a cell that its key cannot take.
+            As for `inercal.runfile.read`, or a cell is not possible for its key.
         """
         from inercal.runfile import from_sections  # methods load where work is done
 
         return from_sections(self.path, self.sections(row), digest or self.digest(row))
 
     def digest(self, row: SensorRow) -> str:
-        """Return the SHA-256 of the template, what fills it for a sensor, and the files it names.
+        """Return the SHA-256 of the template, the cells that fill it, and the files that it names.
 
         A column that neither the template nor the results use changes nothing.
         """
@@ -121,7 +121,7 @@ class Line:
         return hashed.hexdigest()
 
     def shape(self, row: SensorRow) -> tuple[str, ...]:
-        """Return the cells of a row by which run files differ beyond sensor and recording."""
+        """Return the cells of a row that make run files differ beyond sensor and recording."""
         return tuple(row.columns.get(name, "") for name in self._used)
 
     @cached_property
@@ -154,15 +154,15 @@ class Line:
         return tuple(self.rows[0].columns) if self.rows else ()
 
     def sections(self, row: SensorRow) -> dict[str, Any]:
-        """Return the sections of a sensor's run file: values are substituted, not text.
+        """Return the sections of a sensor's run file, with values (not text) substituted.
 
-        The sensor's name is its id, and [data] file its recording, where the template states
-        neither by a placeholder.
+        The sensor's name is its id and [data] file its recording, unless the template states them
+        by placeholders.
 
         Raises
         ------
         InputError
-            An override of a key below a value that is not a section.
+            A column overrides a key below a value that is not a section.
         """
         values = {ID: row.id, RECORDING: row.recording, **row.columns}
         filled = cast(dict[str, Any], _fill(self.template, values))
@@ -186,13 +186,14 @@ def read_line(folder: str | Path) -> Line:
     Raises
     ------
     InputError
-        No folder, no template, no table, a missing column, an id that comes twice, an empty cell,
-        or a placeholder without a column.
+        The folder, template or table is missing, a column is missing, an id occurs twice, a cell is
+        empty, or a placeholder has no column.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: no such folder; a line is a folder with {TEMPLATE} and {TABLES[0]}",
+            f"{folder}: there is no such folder; a line is a folder with {TEMPLATE} and "
+            f"{TABLES[0]}",
             file=folder,
         )
     path = folder / TEMPLATE
@@ -206,8 +207,8 @@ def read_line(folder: str | Path) -> Line:
     if missing := sorted(line.placeholders - known):
         near = get_close_matches(missing[0], sorted(known), n=1)
         raise InputError(
-            f"{path}: {{{missing[0]}}} names no column of {table.name}"
-            f"{f'; did you mean {near[0]}?' if near else ''}; its columns are "
+            f"{path}: {{{missing[0]}}} is not a column of "
+            f"{table.name}{f'; did you mean {near[0]}?' if near else ''}; its columns are "
             f"{', '.join(sorted(known))}",
             file=path,
             names=tuple(missing),
@@ -231,8 +232,8 @@ def _read_rows(path: Path) -> list[SensorRow]:
             raise InputError(f"{path}: {where}: column {empty} is empty", file=path, names=(empty,))
         if name in seen:
             raise InputError(
-                f"{path}: {where}: id {name!r} is that of {seen[name]}, too; each sensor has one "
-                "line",
+                f"{path}: {where}: id {name!r} is already that of {seen[name]}; each sensor "
+                "has one line",
                 file=path,
                 names=(name,),
             )
@@ -241,13 +242,13 @@ def _read_rows(path: Path) -> list[SensorRow]:
         code = cells.get(BARCODE, "")
         if code and (other := codes.setdefault(code, where)) != where:
             raise InputError(
-                f"{path}: {where}: barcode {code!r} is that of {other}, too; give each its own",
+                f"{path}: {where}: barcode {code!r} is already that of {other}; give each its own",
                 file=path,
                 names=(BARCODE,),
             )
         rows.append(SensorRow(name, recording, cells))
     if not rows:
-        raise InputError(f"{path}: no sensor in it", file=path)
+        raise InputError(f"{path} contains no sensor", file=path)
     return rows
 
 
@@ -257,8 +258,8 @@ def _require_time(path: Path, where: str, text: str) -> None:
             datetime.fromisoformat(text)
     except ValueError:
         raise InputError(
-            f"{path}: {where}: {MEASURED} {text!r} is not a time; write it in ISO 8601, such as "
-            "2026-03-01 or 2026-03-01T14:30:00+01:00",
+            f"{path}: {where}: {MEASURED} {text!r} is not a time; write it in ISO 8601, such "
+            "as 2026-03-01 or 2026-03-01T14:30:00+01:00",
             file=path,
             names=(MEASURED,),
         ) from None
@@ -306,15 +307,15 @@ def _number(text: str, column: str) -> float | int:
 
 
 def file_digests(folder: Path, texts: Iterable[str], leave_out: str = "") -> list[str]:
-    """Return name and SHA-256 of each file of a folder that one of the texts names.
+    """Return the name and SHA-256 of each file in a folder that one of the texts names.
 
     Parameters
     ----------
     folder : Path
     texts : iterable of str
-        Of a run file.
+        Texts of a run file.
     leave_out : str, optional
-        A name that is left out.
+        A name to leave out.
     """
     found: list[str] = []
     for text in dict.fromkeys(texts):
@@ -331,7 +332,7 @@ def _override(sections: dict[str, Any], dotted: str, text: str) -> None:
         inner: object = section.setdefault(name, {})
         if not isinstance(inner, dict):
             raise InputError(
-                f"column {dotted}: [{'.'.join(path)}] is no section of the template",
+                f"column {dotted}: [{'.'.join(path)}] is not a section of the template",
                 names=(dotted,),
             )
         section = cast(dict[str, Any], inner)

@@ -1,4 +1,4 @@
-"""The calibrated sensors of a line as arrays: only the columns that their statistics need."""
+"""The calibrated sensors of a line as arrays, with only the columns that statistics need."""
 
 import json
 from collections import Counter
@@ -32,14 +32,14 @@ _DAY = 86_400.0  # s
 
 @dataclass(frozen=True)
 class Grouping:
-    """To which group each sensor belongs.
+    """Assigns each sensor to a group.
 
     Parameters
     ----------
     names : tuple of str
-        Of the groups, in the order of their first sensors.
+        Names of the groups, in the order of their first sensors.
     places : (n,) array of int
-        Place of each sensor's group among them.
+        Index of each sensor's group.
     """
 
     names: tuple[str, ...]
@@ -66,17 +66,17 @@ class Population:
         SI.
     lots, stations : Grouping
     days : (n,) array
-        Time of the measurement, days since 1970; not a number where it is not stated.
+        Time of the measurement, days since 1970; not a number if it is not stated.
     chi2, dof : (n,) arrays
-        Of the residuals.
+    χ² of the residuals and its degrees of freedom.
     specification : Specification or None
-        Of the template; None where its limits differ from sensor to sensor.
+        That of the template; None if the limits differ from sensor to sensor.
     judged : (DecisionRule, mapping of str to int) or None
-        Where limits differ: the rule of the first sensor, and the number of sensors by result.
+        If limits differ: the rule of the first sensor, and the number of sensors by result.
     left_out : mapping of str to int
         Sensors that are not in the arrays, by reason.
     outdated : int
-        Results where a calibration now may give another one.
+        Number of results that differ from what a calibration now may give.
     """
 
     ids: tuple[str, ...]
@@ -107,7 +107,7 @@ def read_population(line: Line, folder: Path) -> Population:
     Raises
     ------
     InputError
-        No results, or no calibrated sensor.
+        There are no results, or no calibrated sensor.
     """
     table = latest_results(line, folder, _COLUMNS)
     place = {row.id: k for k, row in enumerate(line.rows)}
@@ -119,7 +119,9 @@ def read_population(line: Line, folder: Path) -> Population:
     ]
     counted = Counter(one for one, good in zip(sets, done, strict=True) if good)
     if not counted:
-        raise InputError(f"{folder}: no calibrated sensor; calibrate the line first", file=folder)
+        raise InputError(
+            f"{folder} contains no calibrated sensor; calibrate the line first", file=folder
+        )
     usual = counted.most_common(1)[0][0]
     chosen = np.array([good and one == usual for good, one in zip(done, sets, strict=True)])
     rows = np.flatnonzero(chosen)

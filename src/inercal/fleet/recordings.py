@@ -1,4 +1,4 @@
-"""Recordings of a fleet: files of a folder, or objects of a store by their address."""
+"""Recordings of a fleet: files in a folder, or objects in a store by their address."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -13,16 +13,16 @@ from inercal.basics.errors import InputError, require_extra
 
 @dataclass(frozen=True)
 class Version:
-    """What tells, without reading, whether a recording has changed.
+    """Tells whether a recording has changed, without reading it.
 
     Parameters
     ----------
     size : int
         Bytes.
     mark : str
-        Times of the last change of content and of attributes, which are only compared for
-        equality, or the store's tag of the content. Loggers without a clock give equal times of
-        content; a copy that keeps them has another time of attributes.
+        Times of the last change of content and of attributes (only compared for equality), or the
+        store's tag of the content. The attributes are needed because loggers without a clock give
+        equal times of content; a copy that keeps them still has another time of attributes.
     """
 
     size: int
@@ -33,7 +33,7 @@ ABSENT = Version(0, "")  # of a recording that is not there
 
 
 def is_address(recording: str) -> bool:
-    """Return whether a recording is an object of a store, "s3://bucket/name"."""
+    """Return whether a recording is an object in a store, such as "s3://bucket/name"."""
     return "://" in recording
 
 
@@ -43,7 +43,7 @@ def version_of(folder: Path, recording: str) -> Version:
     Raises
     ------
     InputError
-        No such recording.
+        There is no such recording.
     """
     if is_address(recording):
         store, path = _store(recording)
@@ -63,7 +63,7 @@ def version_of(folder: Path, recording: str) -> Version:
 
 @contextmanager
 def local_copy(recording: str) -> Generator[Path]:
-    """Yield the path of a copy of an object, which is removed afterwards.
+    """Yield the path of a copy of an object; the copy is removed afterwards.
 
     Raises
     ------

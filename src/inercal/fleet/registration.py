@@ -1,4 +1,4 @@
-"""Results of a fleet in the register: by one writer, after they were computed."""
+"""Enters the results of a fleet into the register, by one writer, after they were computed."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -17,9 +17,9 @@ _COLUMNS = ("status", "calibration", "measured")
 def enter_results(
     line: Line, folder: Path, register: Register, progress: Callable[[int], None] | None = None
 ) -> int:
-    """Enter the calibrations of a fleet that the register lacks; return how many it has of them.
+    """Enter the calibrations of a fleet that the register lacks; return how many it has now.
 
-    A part is a transaction, and what is in memory. Outdated results are not entered.
+    Each part is one transaction and the only one in memory. Outdated results are not entered.
 
     Parameters
     ----------
@@ -28,12 +28,12 @@ def enter_results(
         Of the parts.
     register : Register
     progress : callable, optional
-        Called with the number of calibrations that are in the register.
+        Called with the number of calibrations in the register.
 
     Raises
     ------
     InputError
-        The register cannot be written; what was entered stays, and is not entered twice.
+        The register cannot be written. What was entered stays and is not entered again.
     """
     done = 0
     for rows in latest_rows_by_part(line, folder, _COLUMNS):

@@ -32,7 +32,7 @@ _BELOW_U = "below u"
 
 @dataclass(frozen=True)
 class PrintedTable:
-    """Heads, and rows of cells; the first cell of a row names it."""
+    """A table of heads and rows of cells; the first cell of a row is its name."""
 
     heads: tuple[str, ...]
     rows: list[tuple[str, ...]]
@@ -40,14 +40,14 @@ class PrintedTable:
 
 
 def write_fleet_report(found: FleetStatistics, path: Path, line: str) -> Path:
-    """Write the page; it appears whole or not at all. Return its path.
+    """Write the page completely or not at all, and return its path.
 
     Parameters
     ----------
     found : FleetStatistics
     path : Path
     line : str
-        What the line is called.
+        Name of the line.
 
     Raises
     ------

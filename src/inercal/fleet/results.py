@@ -1,12 +1,12 @@
-"""Results of a fleet: a dataset of Parquet parts, each written once and named by what it holds.
+"""Results of a fleet: a dataset of Parquet parts, each written once and named by its content.
 
-A row stands for one sensor, calibrated or not, under its key: the hash of its recording, of its run
-file as filled and of the version of inercal. Nothing else is the state of a fleet: a part that is
-there is done, one that is not there is to do.
+A row stands for one sensor, calibrated or not. Its key is the hash of its recording, of its filled
+run file and of the version of inercal. A fleet has no other state: a part that exists is done, and
+one that does not exist is still to do.
 
 Rows are numbered by generations: each run and each recording at a station takes the next number of
-the folder, `_generation-N`. Which of several rows of one sensor counts is said by
-`inercal.fleet.latest`.
+the folder, `_generation-N`. `inercal.fleet.latest` decides which of several rows of one sensor is
+valid.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,9 +35,9 @@ def schema() -> Any:
 
     `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if any;
     `coefficients` are names with spaces between them, in the order of `value`, `std` (SI) and of
-    the rows of `covariance`, the lower triangle row by row; `table` are the further columns of the
-    table of sensors; `calibration` is the calibration file; `arrived` says that a station took the
-    recording, which may lie elsewhere than the table says.
+    the rows of `covariance`, the lower triangle row by row; `table` contains the further columns of
+    the table of sensors; `calibration` is the calibration file; `arrived` means that a station took
+    the recording, which may not be where the table says.
     """
     pa = _arrow()
     text, real = pa.string(), pa.float64()
@@ -82,14 +82,14 @@ def from_lower_triangle(values: Sequence[float]) -> Array:
 
 @dataclass(frozen=True)
 class ResultWriter:
-    """Writes the results of one run, which are of one generation.
+    """Writes the results of one run, which all have the same generation.
 
     Parameters
     ----------
     folder : Path
         Of the parts.
     generation : int
-        Larger than that of all results that were there when it was taken.
+        A number larger than those of all results that existed when it was taken.
     """
 
     folder: Path
@@ -101,7 +101,7 @@ class ResultWriter:
         Raises
         ------
         InputError
-            The part cannot be written: a full disk, no permission.
+            The part cannot be written, for example because the disk is full.
         """
         pa, pq = _arrow(), _arrow("pyarrow.parquet")
         keys = sha256(" ".join(sorted(row["key"] for row in rows)).encode()).hexdigest()[:24]
@@ -114,14 +114,14 @@ class ResultWriter:
 
 
 def open_writer(folder: Path, above: int = 0) -> ResultWriter:
-    """Return the writer of the next generation of a folder; no other process gets the same one.
+    """Return the writer of a folder's next generation, which no other process can get.
 
     Parameters
     ----------
     folder : Path
-        Of the parts; it is made where it does not exist.
+        Folder of the parts; it is created if it does not exist.
     above : int
-        The latest generation of its results, as far as the caller knows it.
+        The latest generation of its results that the caller knows.
 
     Raises
     ------
@@ -154,12 +154,12 @@ def _taken_numbers(folder: Path) -> list[int]:
 
 
 def part_paths(folder: Path) -> list[Path]:
-    """Return the parts of a folder, which need not exist."""
+    """Return the paths of the parts in a folder, which need not exist."""
     return sorted(folder.glob(f"{_PART}*.parquet"))
 
 
 def read_part(path: Path, columns: Sequence[str] | None) -> Table:
-    """Return a part with all columns, or with those that are named.
+    """Return a part with all columns, or only those that are named.
 
     Columns that a part of an earlier version lacks are null.
 
@@ -175,7 +175,7 @@ def read_part(path: Path, columns: Sequence[str] | None) -> Table:
         table = pq.read_table(path, columns=[one.name for one in fields if one.name in known])
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(
-            f"{path}: damaged ({str(error).splitlines()[0]}); remove it and calibrate again",
+            f"{path} is damaged ({str(error).splitlines()[0]}); remove it and calibrate again",
             file=path,
         ) from None
     for one in fields:

@@ -1,4 +1,4 @@
-"""A station of a line: each recording that arrives in a folder is calibrated at once."""
+"""A station of a line, which calibrates each recording as soon as it arrives in a folder."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
@@ -24,17 +24,17 @@ _HIDDEN = (".", "~")
 
 @dataclass(frozen=True)
 class StationResult:
-    """What a station says of a recording.
+    """What a station reports about a recording.
 
     Parameters
     ----------
     id : str
-        Of its sensor.
+        Id of its sensor.
     passed : bool
-        A result that is not unreliable, and that passes every limit of [specification]; a
-        conditional pass is none.
+        Whether the result is reliable and passes every limit of [specification]; a conditional
+        pass does not count.
     reason : str
-        The verdict in a word and the worst limit that is not passed, or why there is no result.
+        The verdict in a word and the worst limit that was not passed, or why there is no result.
     """
 
     id: str
@@ -56,22 +56,22 @@ def arriving_files(
     suffixes: Collection[str] = (),
     say: Callable[[str], None] = print,
 ) -> Iterator[Path]:
-    """Yield each file of a folder once it is complete: of equal size and time at two polls.
+    """Yield each file of a folder once it is complete, with equal size and time at two polls.
 
-    Files that are there at the first poll arrive, too, but for those that are known. Files may
-    vanish, and so may the folder, which is waited for.
+    Files that exist at the first poll also arrive, except known ones. Files may disappear, and so
+    may the folder; the function waits until the folder is back.
 
     Parameters
     ----------
     folder : Path
     poll : callable
-        Waits for the next poll; false ends it.
+        Waits for the next poll; returns false to stop.
     known : mapping of str to KnownFile, optional
-        By path: files that do not arrive again unless their content changes.
+        Files by path that do not arrive again unless their content changes.
     suffixes : collection of str
-        Of recordings; none for any file.
+        Suffixes of recordings; empty for any file.
     say : callable
-        Is told once when the folder is away, and when it is there again.
+        Called once when the folder disappears, and once when it is back.
     """
     before: dict[Path, Version] = {}
     taken: dict[str, KnownFile] = dict(known or {})
@@ -80,7 +80,11 @@ def arriving_files(
         now = _present_files(folder, suffixes)
         if (now is None) != away:
             away = now is None
-            say(f"{folder} cannot be read; waiting for it" if away else f"{folder} is there again")
+            say(
+                f"{folder} cannot be read; waiting for it"
+                if away
+                else (f"{folder} can be read again")
+            )
         now = now or {}
         for path, version in now.items():
             if not version.size or before.get(path) != version:
@@ -101,7 +105,7 @@ def arriving_files(
 
 
 def _present_files(folder: Path, suffixes: Collection[str]) -> dict[Path, Version] | None:
-    """Return the versions of the recordings in a folder; None where it cannot be read."""
+    """Return the versions of the recordings in a folder; None if it cannot be read."""
     found: dict[Path, Version] = {}
     try:
         for path in sorted(folder.iterdir()):
@@ -122,10 +126,11 @@ def calibrate_arrival(
     executor: TolerantExecutor | None = None,
     limit: TimeLimit | None = None,
 ) -> StationResult:
-    """Calibrate a recording that arrived, and keep its row.
+    """Calibrate a recording that arrived, and store its row.
 
-    Its sensor is the row whose column `barcode` or whose id is the file's name without suffix, or
-    whose recording it is. A recording of no row is not calibrated: nothing tells its lot or bench.
+    Its sensor is the row whose column `barcode` or id is the file's name without suffix, or whose
+    recording it is. A recording without a row is not calibrated, because its lot and bench are
+    unknown.
 
     Parameters
     ----------
@@ -134,9 +139,9 @@ def calibrate_arrival(
     out : Path
         Folder of the results.
     executor : TolerantExecutor, optional
-        Where it is calibrated; by default in this process.
+        Where to calibrate it; by default in this process.
     limit : TimeLimit, optional
-        Of the recordings of a station.
+        Time limit of the recordings of a station.
 
     Raises
     ------
@@ -185,7 +190,7 @@ def _result_within(
 
 
 def find_row(line: Line, path: Path) -> SensorRow | None:
-    """Return the row of a recording that arrived, with its path; None for one of no row."""
+    """Return the row of a recording that arrived, with its path; None if it has no row."""
     place = path.resolve()
     for row in line.rows:
         if (line.folder / row.recording).resolve() == place:
@@ -197,7 +202,7 @@ def find_row(line: Line, path: Path) -> SensorRow | None:
 
 
 def known_files(line: Line, out: Path) -> dict[str, KnownFile]:
-    """Return the recordings that have a result as they and the run file are now, by their path."""
+    """Return, by path, the recordings that have a result for their present content and run file."""
     by_id = {row.id: row for row in line.rows}
     known: dict[str, KnownFile] = {}
     for part in results.part_paths(out):

@@ -1,18 +1,18 @@
-"""Statistics over the sensors of a line: how they scatter in truth, whether they keep their limits.
+"""Statistics over the sensors of a line: their true scatter, and whether they are within limits.
 
-The scatter of values holds the uncertainty of each. The standard deviation in truth is
-√(sd² − mean u²); the components between lots and within them are those of
+The scatter of the values includes the uncertainty of each. The standard deviation in truth is
+√(sd² − mean u²); the components between and within lots are those of
 `inercal.estimation.uncertainty.components`. The capability of a process with the limits T_L and T_U
 is
 
     C_pk = min(T_U − μ, μ − T_L) / 3σ,   its interval C_pk ± 1.96 √(1/9n + C_pk²/(2n − 2))
 
-(Bissell 1990, Applied Statistics 39, 331–340): observed with the sd of values, in truth with that
-in truth. Outliers are left out of means, scatter, capability, trends and differences, but not of
-medians, quantiles and the yield.
+(Bissell 1990, Applied Statistics 39, 331–340): observed with the sd of the values, in truth with
+the sd in truth. Outliers are left out of means, scatter, capability, trends and differences, but
+not of medians, quantiles and the yield.
 
-u holds errors of the bench that sensors have in common, which do not scatter them: where these
-prevail the scatter in truth is larger than stated, and u of a mean is never below theirs.
+u includes errors of the bench that sensors have in common. These do not scatter the sensors, so if
+they dominate, the scatter in truth is larger than stated, and u of a mean is never below theirs.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ TRENDS = ("serial order", "time")
 
 
 class Capability(NamedTuple):
-    """C_pk with the limits of its interval of 95 %."""
+    """C_pk with the limits of its 95 % interval."""
 
     value: float
     low: float
@@ -50,20 +50,20 @@ class Capability(NamedTuple):
 
 @dataclass(frozen=True)
 class Summary:
-    """One coefficient over some sensors, SI.
+    """One coefficient over several sensors, SI.
 
     Parameters
     ----------
     n : int
         Sensors.
     median, robust_sd : float
-        Of all.
+    Over all sensors.
     mean, sd : float
         Without outliers.
     mean_u : float
         Root of the mean square of the standard uncertainties.
     truth_sd : float
-        √(sd² − mean u²); not a number where the values scatter less than their uncertainties.
+        √(sd² − mean u²); not a number if the values scatter less than their uncertainties.
     """
 
     n: int
@@ -87,7 +87,7 @@ class CoefficientStatistics:
         Of `QUANTILES`.
     components : Components
     limits : (float, float) or None
-        Of [specification].
+        Limits in [specification].
     observed, truth : Capability or None
         None without limits or without scatter.
     """
@@ -103,7 +103,7 @@ class CoefficientStatistics:
 
 @dataclass(frozen=True)
 class GroupStatistics:
-    """A lot or a station: its sensors, and one summary a coefficient."""
+    """A lot or a station with its sensors and a summary of each coefficient."""
 
     name: str
     summaries: tuple[Summary, ...]
@@ -121,7 +121,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class RuleYield:
-    """Sensors by their result under a decision rule."""
+    """Number of sensors by their result under a decision rule."""
 
     rule: DecisionRule
     counts: dict[str, int]
@@ -141,19 +141,19 @@ class FleetStatistics:
     population : Population
     coefficients : tuple of CoefficientStatistics
     lots, stations : tuple of GroupStatistics
-        Empty where there is one.
+        Empty if there is only one.
     outliers : tuple of Outlier
         The farthest first.
     outliers_searched : bool
         Whether there were enough sensors for the search.
     outliers_by_chance : float
-        How many would be named, on average, if no sensor differed from the others.
+        How many would be listed, on average, if no sensor differed from the others.
     contrasts : tuple of Contrast
         Trends over serial order and time, and differences of stations.
     yields : tuple of RuleYield
         Empty without limits.
     centre : float
-        Of the control charts.
+        Centre of the control charts.
     charts : tuple of ControlChart
     """
 
@@ -176,7 +176,7 @@ def fleet_statistics(population: Population) -> FleetStatistics:
     Raises
     ------
     InputError
-        Fewer than two sensors in each lot.
+        No lot has two sensors.
     """
     n = len(population.ids)
     searched = n >= LEAST_ROWS
@@ -186,7 +186,7 @@ def fleet_statistics(population: Population) -> FleetStatistics:
     value, std = population.value[good], population.std[good]
     lots = _rows_of(population.lots, good)
     if n < 2:
-        raise InputError("one sensor alone has no scatter; calibrate more sensors")
+        raise InputError("the scatter cannot be estimated from one sensor; calibrate more sensors")
     components = _components(value, std, lots)
     stated = population.specification
     limits = {} if stated is None else dict(stated.limits)
@@ -221,7 +221,7 @@ def fleet_statistics(population: Population) -> FleetStatistics:
 def capability(
     mean: float, sd: float, n: int, limits: tuple[float, float] | None
 ) -> Capability | None:
-    """Return C_pk with its interval; None without limits or without scatter."""
+    """Return C_pk with its interval; None without limits or scatter."""
     if limits is None or not sd > 0 or n < 2:
         return None
     value = min(limits[1] - mean, mean - limits[0]) / (3 * sd)

@@ -1,4 +1,4 @@
-"""How far a line is: sensors by status and grade, and the reasons of those without a result."""
+"""The progress of a line: sensors by status and grade, and why some have no result."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,19 +17,19 @@ _NAMES = 1000  # of sensors with one reason that are listed
 
 @dataclass(frozen=True)
 class LineStatus:
-    """What became of the sensors of a line.
+    """The status of the sensors of a line.
 
     Parameters
     ----------
     counts : mapping of str to int
-        Sensors by what became of them, in words.
+        Number of sensors by status, in words.
     reasons : sequence of (str, sequence of str)
-        Each reason why sensors have no result, the commonest first, with their ids.
+        Each reason why sensors have no result, most common first, with their ids.
     conformity : mapping of str to int
-        Sensors by the result of [specification], from pass to fail; empty without limits. Results
-        that are not to be relied on are not judged.
+        Number of sensors by the result of [specification], from pass to fail; empty without limits.
+        Unreliable results are not judged.
     outdated : mapping of str to str
-        Why a calibration now may give another result, by id of the sensor.
+        Why a calibration now may give another result, by sensor id.
     """
 
     counts: Mapping[str, int]
@@ -38,7 +38,7 @@ class LineStatus:
     outdated: Mapping[str, str]
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as a JSON object."""
+        """Return the status as a JSON object."""
         listed = [{"reason": reason, "sensors": list(names)} for reason, names in self.reasons]
         return {
             "counts": dict(self.counts),
@@ -49,7 +49,7 @@ class LineStatus:
 
 
 def line_status(line: Line, out: Path | None = None) -> LineStatus:
-    """Return how far a line is.
+    """Return the status of a line.
 
     Parameters
     ----------

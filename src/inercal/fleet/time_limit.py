@@ -1,4 +1,4 @@
-"""How long a sensor may take: as stated, or by what the others took."""
+"""The time that a sensor may take, as stated or compared with the others."""
 
 from collections.abc import Sequence
 
@@ -13,13 +13,13 @@ _ENOUGH = 3  # others
 class TimeLimit:
     """The longest time of a sensor.
 
-    By default it is twenty times the longest that any other took, in proportion more for a larger
-    recording, and at least a minute. Until three others are known it is ten minutes.
+    By default it is twenty times the longest time that any other sensor took, proportionally more
+    for a larger recording, and at least a minute. Until three others are known it is ten minutes.
 
     Parameters
     ----------
     stated : float or None
-        As the user states it, s.
+        The limit that the user states, s.
     """
 
     def __init__(self, stated: float | None = None):
@@ -27,7 +27,7 @@ class TimeLimit:
         self._count, self._longest, self._largest = 0, 0.0, 1
 
     def note(self, sizes: Sequence[int], seconds: Sequence[float]) -> None:
-        """Note what sensors took.
+        """Note the times that sensors took.
 
         Parameters
         ----------
@@ -47,7 +47,7 @@ class TimeLimit:
         size : int
             Bytes of its recording.
         early : bool
-            Whether it can be tried again when others are known, so that it may be stopped early.
+            Whether it can be tried again when others are known, so it may be stopped early.
         """
         if self._stated is not None:
             return self._stated
@@ -58,8 +58,8 @@ class TimeLimit:
     def reason(self, limit: float) -> str:
         """Return why a sensor was stopped, in words."""
         longest = format_duration(self._longest)
-        others = f", where the others took at most {longest}" * bool(self._count)
+        others = f", while the others took at most {longest}" * bool(self._count)
         return (
-            f"it took longer than {format_duration(limit)}{others}, and was stopped; --timeout "
-            "gives it another limit, --retry-failed tries it again"
+            f"it was stopped because it took longer than {format_duration(limit)}{others}; set "
+            "another limit with --timeout, and try again with --retry-failed"
         )

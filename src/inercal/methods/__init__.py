@@ -253,7 +253,7 @@ class Method(MethodBase, Generic[Bench, Step]):
         ----------
         sensor : Sensor
         coefficients : sequence of str
-            Names or groups in place of the method's defaults; of a group, those that the method
+            Names or groups instead of the method's defaults; of a group, those that the method
             can estimate.
         also : sequence of str
             Names or groups in addition.
@@ -267,8 +267,8 @@ class Method(MethodBase, Generic[Bench, Step]):
         kinds = {axis.measures for axis in sensor.axes}
         if lacking := tuple(QUANTITIES[kind].sensors for kind in self.needs if kind not in kinds):
             raise InputError(
-                f"method {self.name} needs {' and '.join(lacking)}, and sensor {sensor.name} has "
-                "none; add them to [sensor], or choose another method",
+                f"method {self.name} needs {' and '.join(lacking)}, but sensor {sensor.name} "
+                "has none; add them to [sensor], or choose another method",
                 key="[sensor]",
                 names=lacking,
             )

@@ -1,4 +1,4 @@
-"""Errors that a problem of means omits or takes as known: the candidates of its score tests.
+"""Candidates of score tests: errors that a problem of means omits or treats as known.
 
 The candidates come from an extended problem: the same observations, the sensor with every
 coefficient of its table, every declared parameter of the bench free. Its Jacobian at the solution
@@ -40,7 +40,7 @@ _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 class Column(NamedTuple):
     """A component of a candidate: its full name, its unit (SI), and ∂(observations) by it, (m,).
 
-    `largest` and `stated_sd` are as of `Candidate`; all columns of a candidate have them or none.
+    `largest` and `stated_sd` are as for `Candidate`; all columns of a candidate have them or none.
     """
 
     name: str
@@ -83,7 +83,7 @@ def together_and_alone(
 def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
     """Return the sensor with all coefficients of its axes' tables, those chosen first.
 
-    Coefficients of temperature only where it is known and varies, `temperature_varies`.
+    Coefficients of temperature only if it is known and varies, `temperature_varies`.
     """
     whole = tuple(
         f"{axis.name}.{line.name}"
@@ -111,7 +111,7 @@ def candidate_function(
     common_errors: Sequence[str] = (),
     zero_input: Bools | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
-    """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
+    """Return the function for `Problem.candidates` of a problem of mean readings or of norms.
 
     Parameters
     ----------
@@ -128,12 +128,12 @@ def candidate_function(
     time : (r,) array, optional
         s, of each row, where a drift of the biases is a candidate.
     families : mapping of str to sequence of str, optional
-        Names of parameters that are tested together, by their full names: coefficients in place of
-        those of one short name, parameters of the bench in place of each alone.
+        Names of parameters that are tested together, by their full names: coefficients instead of
+        those of one short name, parameters of the bench instead of each alone.
     priors : sequence of Gaussian, optional
         On coefficients that are estimated; they may be wrong.
     common_errors : sequence of str, optional
-        As of `common_error_candidates`.
+        As for `common_error_candidates`.
     zero_input : (m,) array of bool, optional
         Observations of axes with zero nominal input: terms with a sign are left out there. The
         sign would be that of the estimated tilt, which is arbitrary.
@@ -178,7 +178,7 @@ def candidates_from_columns(
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]] | None = None,
 ) -> list[Candidate]:
-    """Return the candidates of m observations by their columns (m,), as of `candidate_function`."""
+    """Return the candidates of m observations from their columns (m,); see `candidate_function`."""
     families = families or {}
     return [
         *_coefficient_candidates(sensor, names, column, families),
@@ -208,7 +208,7 @@ def _coefficient_candidates(
 
 
 def family_name(line: ErrorTerm) -> str:
-    """Return the name under which a coefficient of all axes is tested: as [method] takes it."""
+    """Return the name under which a coefficient of all axes is tested, as in [method]."""
     return line.group if line.group == "g" else line.name
 
 
@@ -261,7 +261,7 @@ def common_error_candidates(
     Parameters
     ----------
     declared, column
-        As of `candidate_function`.
+        As for `candidate_function`.
     names : sequence of str
         Of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
     """
@@ -287,7 +287,7 @@ def common_error_candidates(
 def prior_candidates(
     sensor: Sensor, priors: Priors, column: Mapping[str, Array]
 ) -> list[Candidate]:
-    """Return the priors of coefficients, which may be wrong: those of a kind, and each alone.
+    """Return the priors of coefficients as candidates: those of one kind together, and each one.
 
     With the column of a coefficient without the row of its prior the data alone determine it.
     """

@@ -1,4 +1,4 @@
-"""Second order of the tilts: the effect of an unknown lean beyond the first-order fit.
+"""Second-order effects of tilts: the effect of an unknown lean beyond the first-order fit.
 
 A face that leans by t reads g (1 − |t|²/2) along its normal, and misalignments m add m·t. The fit
 estimates t and the coefficients c with covariance P; the terms of second order in the errors τ of t
@@ -43,7 +43,7 @@ class Curvature(NamedTuple):
 def tilt_curvature(
     estimate: Estimate, sensor: Sensor, bench: Hand, done: HandSteps, durations: Array
 ) -> Curvature | None:
-    """Return the second-order effect at a first-order estimate; None where all tilts are exact.
+    """Return the second-order effect at a first-order estimate; None if all tilts are exact.
 
     Parameters
     ----------

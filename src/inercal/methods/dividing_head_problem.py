@@ -1,4 +1,4 @@
-"""Readings against the angle of a dividing head: its errors are nuisances, or it is exact."""
+"""Problems of readings against the angle of a dividing head, whose errors are nuisances or zero."""
 
 from dataclasses import replace
 
@@ -40,7 +40,8 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
     """
     if positions < MIN_POSITIONS:
         raise InputError(
-            f"positions is {positions}: a tumble needs {MIN_POSITIONS} or more", key="positions"
+            f"{positions} positions are too few for a tumble test; give {MIN_POSITIONS} or more",
+            key="positions",
         )
     return on_head(positions, reverse=reverse, seconds=seconds)
 

@@ -1,4 +1,4 @@
-"""What an estimator refuses to use, in the same words for every estimator."""
+"""Checks of the inputs of estimators, with the same messages for every estimator."""
 
 from collections.abc import Sequence
 from itertools import zip_longest
@@ -21,8 +21,9 @@ def require_matching_rows(observations: Observations, sensor: Sensor, steps: Seq
     """
     if observations.channels != sensor.channels:
         raise InputError(
-            f"the readings are of {', '.join(observations.channels)}, the sensor has "
-            f"{', '.join(sensor.channels)}; give the readings of the sensor's axes, in their order",
+            f"the readings are those of {', '.join(observations.channels)}, but the sensor has "
+            f"{', '.join(sensor.channels)}; give the readings of the sensor's axes, in their "
+            "order",
             key="observations",
             names=observations.channels,
         )
@@ -37,8 +38,8 @@ def require_matching_rows(observations: Observations, sensor: Sensor, steps: Seq
         pairs = zip_longest(observations.labels, labels)
         row, step = next(pair for pair in pairs if pair[0] != pair[1])
         raise InputError(
-            f"steps do not match the observations: where these have row {row or 'none'}, steps has "
-            f"{step or 'none'}; give one step per row, in the order of the rows",
+            f"the steps do not match the observations, which have {row or 'no row'} where the "
+            f"steps have {step or 'no step'}; give one step per row, in the order of the rows",
             key="steps",
             names=tuple(label for label in (row, step) if label is not None),
         )
@@ -53,8 +54,8 @@ def require_single_recording(observations: Observations, what: str) -> None:
     """
     if observations.mean.ndim != 2:
         raise InputError(
-            f"{what} takes one recording at a time, not "
-            f"{observations.mean.shape[0]} trials; pass one trial",
+            f"{what} needs a single recording, not {observations.mean.shape[0]} trials; pass "
+            "one trial",
             key="observations",
         )
 
@@ -75,7 +76,8 @@ def refuse_priors(priors: Priors, estimator: str, instead: str) -> None:
     """
     if names := tuple(name for prior in priors for name in prior.names):
         raise InputError(
-            f"estimator {estimator} takes no priors; remove the priors, or use estimator {instead}",
+            f"estimator {estimator} does not use priors; remove the priors, or use estimator "
+            f"{instead}",
             key="priors",
             names=names,
         )
@@ -97,8 +99,8 @@ def refuse_temperature_terms(sensor: Sensor, estimator: str, instead: str) -> No
     """
     if names := tuple(temperature_coefficients(sensor)):
         raise InputError(
-            f"estimator {estimator} estimates no coefficients of temperature, {', '.join(names)}; "
-            f"use estimator {instead}, or leave them out",
+            f"estimator {estimator} cannot estimate temperature coefficients "
+            f"({', '.join(names)}); use estimator {instead}, or leave them out",
             key="[method]",
             names=names,
         )
@@ -113,8 +115,8 @@ def refuse_tilted_form(sensor: Sensor, estimator: str, instead: str) -> None:
     """
     if sensor.form != "reference":
         raise InputError(
-            f'estimator {estimator} estimates the reference form; set [sensor] form = "reference", '
-            f"or use estimator {instead}",
+            f"estimator {estimator} estimates only the reference form; set [sensor] form = "
+            f'"reference", or use estimator {instead}',
             key="[sensor] form",
         )
 

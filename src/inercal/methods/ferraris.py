@@ -16,7 +16,7 @@ whose columns are the mean readings of x, y, z up and down, and W those of the i
 so that a reading is K R (f or ω) + b, and for a gyro + K_ga f. Faces, turns and gravity are taken
 as exact: the covariance here includes the noise of the means alone, and the formulas leave no
 residual. The problem of `ml`, in which faces, turns and gravity have their stated deviations,
-tests whether the readings agree with one another.
+tests whether the readings agree with each other.
 """
 
 import numpy as np
@@ -50,28 +50,28 @@ def classical(
     estimator_inputs.require_plain_means(observations, sensor, priors, "classical", "ml")
     if missing := tuple(step.label for step in steps if step.label not in observations.labels):
         raise NotObserved(
-            "estimator classical needs every position and turn; missing from the recording: "
+            "estimator classical needs every position and turn, but the recording lacks "
             f"{', '.join(missing)}; record them, or use estimator ml",
             names=missing,
         )
     formulas_of = {f"{a}_{what}" for a in "xyz" for what in ("p", "a", "rot")}
     if again := tuple(label for label in observations.labels if label not in formulas_of):
         raise InputError(
-            f"estimator classical takes each position and turn once, and the recording has "
-            f"{', '.join(again)} too; use estimator ml",
+            "estimator classical uses each position and turn once, but the recording also has "
+            f"{', '.join(again)}; use estimator ml",
             names=again,
         )
     estimator_inputs.refuse_tilted_form(sensor, "classical", "ml")
     if not sensor.select_axes("f").axes:
         raise InputError(
-            "estimator classical needs accelerometers, and the sensor has none; use estimator ml",
+            "estimator classical needs accelerometers, but the sensor has none; use estimator ml",
             key="[method] estimator",
         )
     for axes in (sensor.axes[:3], sensor.axes[3:]):
         if axes and (len(axes) != 3 or not np.allclose([a.i for a in axes], np.eye(3))):
             raise InputError(
-                f"sensor {sensor.name} has axes that are not triads along x, y, z, which estimator "
-                "classical needs; use estimator ml",
+                f"estimator classical needs triads along x, y and z, but sensor {sensor.name} "
+                "has other axes; use estimator ml",
                 key="[sensor]",
                 names=tuple(axis.name for axis in axes),
             )

@@ -142,7 +142,7 @@ def _unread_forces(turns: HandSteps, gravity: float) -> dict[str, Parameter]:
 def _zero_input_readings(sensor: Sensor, done: HandSteps) -> Bools | None:
     """Return which readings are of axes with zero nominal input, (r·m,), row after row.
 
-    None where each position occurs once: two or four readings of an axis do not show a sign.
+    None if each position occurs once: two or four readings of an axis do not show a sign.
     """
     at = [step.up if isinstance(step, Hold) else step.axis for step in done]
     if len(set(zip(map(type, done), at, strict=True))) == len(at):

@@ -29,7 +29,7 @@ _REGULARISATION = 0.01  # ε
 
 
 def noise_only_estimate(sensor: Sensor, value: Array, spread: Array) -> Estimate:
-    """Return what closed formulas give, (p,) with covariance (p, p), for an exact bench."""
+    """Return the result of closed formulas, (p,) with covariance (p, p), for an exact bench."""
     information = np.linalg.inv(spread / np.outer(sensor.unit_scale, sensor.unit_scale))
     singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
     return Estimate.from_closed_form(
@@ -38,7 +38,7 @@ def noise_only_estimate(sensor: Sensor, value: Array, spread: Array) -> Estimate
 
 
 def with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
-    """Return an estimate of noise alone with the tests of the problem of the same observations."""
+    """Return a noise-only estimate with the tests of the problem of the same observations."""
     p = len(found.names)
     agreement = ModelTest(READINGS_TEST, float(by_problem.chi2), by_problem.dof)
     return replace(

@@ -46,7 +46,7 @@ class Unknowns:
     declared : mapping of str to Parameter
         The bench's parameters by full name; those with a deviation are nuisances.
     forces : mapping of str to (...) array
-        Start values of specific forces without a prior, as of `problem_of_readings`.
+        Start values of specific forces without a prior, as for `problem_of_readings`.
     """
 
     sensor: Sensor
@@ -98,7 +98,7 @@ class Unknowns:
         correlated: bool,
         normal_equations: NormalEquationsOf | None,
     ) -> Problem:
-        """Return the problem of these parameters; arguments as of `inercal.estimation.Problem`.
+        """Return the problem of these parameters; arguments as for `inercal.estimation.Problem`.
 
         `relative_size` is the largest ratio of an observation to its standard deviation, and
         `priors` are on coefficients.
@@ -157,8 +157,8 @@ def joint(
     noisy = tuple(name for name, one in declared.items() if one.scope == "dwell" and one.sd > 0)
     if noisy:
         raise InputError(
-            f"[bench] {noisy[0]} differs from dwell to dwell, which estimator joint does not "
-            "model; set it to 0, or use another estimator",
+            f"estimator joint does not model a [bench] {noisy[0]} that differs from dwell to "
+            "dwell; set it to 0, or use another estimator",
             key=f"[bench] {noisy[0]}",
             names=noisy,
         )
@@ -222,7 +222,7 @@ def problem_of_readings(
     with_drift_candidate : bool
         Whether a drift of the biases over the rows' times is a candidate of the score tests.
     families : mapping of str to sequence of str, optional
-        Of candidates, as of `inercal.methods.candidates.candidate_function`.
+        Of candidates, as for `inercal.methods.candidates.candidate_function`.
     common_errors : sequence of str, optional
         Errors of single rows that may be common, as of
         `inercal.methods.candidates.common_error_candidates`.
@@ -232,7 +232,7 @@ def problem_of_readings(
     stated_noise : ReadingNoise, optional
         In place of that of the observations.
     zero_input : (m r,) array of bool, optional
-        As of `inercal.methods.candidates.candidate_function`.
+        As for `inercal.methods.candidates.candidate_function`.
     suspects : mapping of str to Parameter, optional
         The bench's parameters that are candidates, where they are more than those declared.
     """
@@ -346,7 +346,7 @@ def _compare_vectors(
 
 
 def row_subset(whole: Problem, at: Indices) -> Problem:
-    """Return the problem of some of a problem's observations alone.
+    """Return the problem with only some of its observations.
 
     Parameters
     ----------

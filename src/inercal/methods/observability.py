@@ -34,7 +34,7 @@ _MIN_INPUT = 0.5  # g, up and down, that an axis must have sensed
 def require_bias_scale_separation(
     sensor: Sensor, done: HandSteps, missing: HandSteps, priors: Priors
 ) -> None:
-    """Refuse accelerometer axes whose bias and scale no pair of positions separates.
+    """Refuse accelerometer axes whose bias and scale the positions cannot distinguish.
 
     Raises
     ------
@@ -56,13 +56,13 @@ def require_bias_scale_separation(
         ]
         if sides:
             problems[pair] = (
-                f"{pair[0]} and {pair[1]} are not separated: no position with "
+                f"{pair[0]} and {pair[1]} cannot be distinguished, because no position has "
                 f"{' and '.join(sides)} up"
             )
     if problems:
         raise NotObserved(
-            f"not observed: {'; '.join(problems.values())}{steps_in_words(missing)}; record the "
-            "missing position, or give a prior on one of the two coefficients",
+            f"{'; '.join(problems.values())}{steps_in_words(missing)}; record the missing "
+            "position, or give a prior for one of the two coefficients",
             tuple(problems.values()),
             names=tuple(name for pair in problems for name in pair),
         )
@@ -116,15 +116,15 @@ def not_observed_error(
         few = len(named) <= _MOST_NAMED
         listed = ", ".join(named) if few else f"{len(named)} coefficients of {axes}"
         return NotObserved(
-            f"not observed: {listed}{steps_in_words(turns)}; record "
-            "these turns, or take method multi_position, which needs no turn of a known angle",
+            f"these data do not determine {listed}{steps_in_words(turns)}; record these turns, "
+            "or use method multi_position, which needs no turn by a known angle",
             plain,
             names=named,
         )
     return NotObserved(
-        f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
-        f"{'; '.join(plain)}){steps_in_words(missing)}; record what is missing, choose fewer "
-        "coefficients, or give a prior",
+        f"these data do not determine {', '.join(named)} (free directions, in units of g and "
+        f"rad/s: {'; '.join(plain)}){steps_in_words(missing)}; record what is missing, choose "
+        "fewer coefficients, or give a prior",
         plain,
         names=named,
     )
@@ -135,7 +135,7 @@ def steps_in_words(missing: HandSteps) -> str:
     if not missing:
         return ""
     texts = [f"{step.label} ({step.describe()})" for step in missing]
-    return "; missing from the recording: " + ", ".join(texts)
+    return "; the recording lacks " + ", ".join(texts)
 
 
 def direction_in_words(direction: Array, names: Sequence[str]) -> str:

@@ -92,7 +92,7 @@ def bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[str
     bench, steps
         Of r rows.
     gain : (..., 12, 3 r) array
-        As of `consistency`: a stated error adds to f, and so subtracts from M a + p − f.
+        As for `consistency`: a stated error adds to f, and so subtracts from M a + p − f.
     """
     result = sensed_motion(bench, steps, {}).df
     return {

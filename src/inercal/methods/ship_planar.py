@@ -5,7 +5,7 @@ With a the readings and f the specific force that the bench states, for each axi
     f_x = Sx a_x + Exy a_y + Exz a_z + Axp        and y, z alike
 
 The mountings XY, YX and ZY at 0, 46 and 86 r/min make nine equations of four unknowns per axis. The
-mountings are taken as exact: the covariance of the result includes the readings' noise and, to
+mountings are treated as exact: the covariance of the result includes the readings' noise and, to
 first order, the effects of pose, seat, speed and lean.
 
 A calibration's own covariance gives its error on new poses. Residuals of the fit show how well the
@@ -45,7 +45,7 @@ _EXCITATION_LIMIT = 1e-3
 
 
 def pose_forces(fastest: float, radius: float, g: float) -> Array:
-    """Return the specific force in attitudes all round at rates from rest on, (300, 3) m/s².
+    """Return the specific force in random attitudes at rest and at rates, (300, 3) m/s².
 
     Parameters
     ----------
@@ -150,9 +150,9 @@ def require_excitation(bench: RateTable, steps: Spins) -> None:
     radial = {toward: plane for plane, (toward, _) in PLANES.items()}
     axes, adding = ", ".join(lacking), ", ".join(radial[axis] for axis in lacking)
     raise NotObserved(
-        f"not observed: {axes}: in these {len(steps)} states the specific force along {axes} does "
-        f"not vary independently of the bias and the other axes; add mounting {adding} (axis "
-        f"{axes} toward the centre) at two speeds or more",
+        f"these {len(steps)} states do not determine axis {axes}, because the specific force "
+        f"along {axes} does not vary independently of the bias and the other axes; add "
+        f"mounting {adding} (axis {axes} toward the centre) at two speeds or more",
         lacking,
         names=lacking,
     )

@@ -50,7 +50,7 @@ def sample_offsets(track: Track, sensor: Sensor) -> Array:
 
 
 def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
-    """Return ΔT of one trial at these times, (e,) K; None where not recorded or constant.
+    """Return ΔT of one trial at these times, (e,) K; None if not recorded or constant.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def refuse_temperature_terms_in_plan(sensor: Sensor) -> None:
     """
     if names := tuple(temperature_coefficients(sensor)):
         raise InputError(
-            f"[method] {', '.join(names)}: a plan states no temperatures; remove these "
+            f"[method] {', '.join(names)}: a plan has no temperatures; remove these "
             "coefficients for the plan, and add them for the recording",
             key="[method]",
             names=names,

@@ -132,13 +132,13 @@ def fourier(
     white error can increase the uncertainty of k2 by a factor √2 over `least_squares`. Noise,
     drift, angles and gravity are propagated. Where level, autocollimator or certificate state a
     difference from the even angle, the reading is corrected for it along the fitted curve.
-    Coefficients that are not chosen are taken as zero. Arguments as of `least_squares`, of one
+    Coefficients that are not chosen are taken as zero. Arguments as for `least_squares`, of one
     recording, without priors.
 
     Raises
     ------
     InputError
-        As of `least_squares`; positions that are not evenly spaced and equally often visited, or
+        As for `least_squares`; positions that are not evenly spaced and equally often visited, or
         far from their even angles; priors, the tilted form, or other coefficients.
     NotObserved
         Coefficients whose harmonics fold, by name, and which harmonic folds onto which.
@@ -151,8 +151,8 @@ def fourier(
         n for n, term in zip(sensor.coefficients, terms, strict=True) if term not in harmonics.TERMS
     ):
         raise InputError(
-            f"estimator fourier estimates {', '.join(harmonics.TERMS)}, not {', '.join(others)}; "
-            "use estimator least_squares, or leave the others out",
+            f"estimator fourier estimates {', '.join(harmonics.TERMS)}, but not "
+            f"{', '.join(others)}; use estimator least_squares, or leave the others out",
             key="[method]",
             names=others,
         )
@@ -224,8 +224,8 @@ def _force_at_even_angles(bench: DividingHead, steps: Indexings, f: Array) -> Ar
     if away[worst] > _MAX_ANGLE_CORRECTION:
         raise InputError(
             f"position {steps[worst].label} is {np.degrees(away[worst]):.3g}° from its nominal "
-            f"angle, and estimator fourier corrects {np.degrees(_MAX_ANGLE_CORRECTION):.2g}° at "
-            "most; use estimator least_squares",
+            "angle, but estimator fourier corrects at most "
+            f"{np.degrees(_MAX_ANGLE_CORRECTION):.2g}°; use estimator least_squares",
             names=(steps[worst].label,),
         )
     return even
@@ -245,7 +245,7 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings
     if not np.allclose((axis.i, axis.p), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))):
         raise InputError(
             f"axis {axis.name} has its input axis along {axis.i} and its pendulous axis along "
-            f"{axis.p}; on the head they must be along x and y",
+            f"{axis.p}, but on the head they must be along x and y",
             key="[sensor]",
             names=(axis.name,),
         )
@@ -259,7 +259,7 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings
     if not positive.all():
         label = observations.labels[int(np.argmin(positive))]
         raise InputError(
-            f"the reading at {label} has no variance above 0; state the variance of every reading",
+            f"the reading at {label} has no positive variance; state the variance of every reading",
             key="observations",
             names=(label,),
         )
@@ -267,8 +267,8 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings
     n = len(harmonics.distinct_angles(angle)[0]) if len(angle) else 0
     if n < dividing_head_problem.MIN_POSITIONS:
         raise InputError(
-            f"the steps have {n} different positions; a tumble test needs "
-            f"{dividing_head_problem.MIN_POSITIONS} or more: add positions",
+            f"the steps have {n} different positions, but a tumble test needs "
+            f"{dividing_head_problem.MIN_POSITIONS} or more; add positions",
             key="steps",
         )
     return angle

@@ -39,7 +39,7 @@ def harmonic_basis(angle: Array, names: Sequence[str]) -> Array:
 
 
 def amplitude_map(terms: Sequence[str], g: float) -> tuple[Array, Array]:
-    """Return the map from amplitudes to coefficients, (p, p), and what to add, (p,).
+    """Return the map from amplitudes to coefficients, (p, p), and the constant to add, (p,).
 
     Amplitudes in m/s², in the order of `harmonic_names`; coefficients in SI.
     Terms that are not listed are taken as zero.
@@ -88,8 +88,8 @@ def unevenness(angle: Array) -> str:
     even = 2 * pi / len(at)
     if gaps[worst] - even > len(at) * _ANGLE_TOLERANCE:
         return (
-            f"the position after {degrees(at[worst]):.6g}° is {degrees(gaps[worst]):.6g}° away, "
-            f"but {len(at)} even positions are {degrees(even):.6g}° apart"
+            f"the position after {degrees(at[worst]):.6g}° is {degrees(gaps[worst]):.6g}° "
+            f"away instead of the {degrees(even):.6g}° of {len(at)} even positions"
         )
     if visits.min() != visits.max():
         most, least = int(visits.argmax()), int(visits.argmin())
@@ -101,7 +101,7 @@ def unevenness(angle: Array) -> str:
 
 
 def require_even_spacing(angle: Array) -> None:
-    """Refuse positions that are not evenly spaced round the circle and equally often visited.
+    """Refuse positions that are not evenly spaced around the circle and equally often visited.
 
     Raises
     ------
@@ -110,8 +110,8 @@ def require_even_spacing(angle: Array) -> None:
     """
     if words := unevenness(angle):
         raise InputError(
-            "estimator fourier needs positions evenly spaced round the circle, each as often as "
-            f"the others: {words}; use estimator least_squares",
+            "estimator fourier needs positions evenly spaced around the circle, each visited "
+            f"as often as the others, but {words}; use estimator least_squares",
             key="steps",
         )
 
@@ -152,7 +152,7 @@ def require_distinct_harmonics(
     Raises
     ------
     NotObserved
-        As of `not_observed_error`.
+        As for `not_observed_error`.
     """
     lost = confounded_columns(matrix)
     if not lost.any():
@@ -197,9 +197,11 @@ def not_observed_error(
     free = f" (free directions, in units of g and rad: {'; '.join(plain)})" if plain else ""
     folded = folded_harmonics(angle)
     n = len(distinct_angles(angle)[0])
-    why = f": with {n} positions {'; '.join(folded)}; take 7 positions or more" if folded else ""
+    why = f". With {n} positions {'; '.join(folded)}; use 7 positions or more" if folded else ""
+    also = ", or" if folded else ";"
     return NotObserved(
-        f"not observed: {', '.join(named)}{free}{why}; choose fewer coefficients or {remedy}",
+        f"these positions do not determine {', '.join(named)}{free}{why}{also} choose fewer "
+        f"coefficients or {remedy}",
         plain,
         names=named,
     )

@@ -1,6 +1,6 @@
 """Sums of squared second differences, the hot loop of the Allan deviation.
 
-One pass over three places of the cumulative sum; NumPy would pass over it once for each operation.
+They pass over the cumulative sum only once, while NumPy would need one pass for each operation.
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
-"""From a recording at rest to its noise: the steps of `inercal noise` for each channel.
+"""Determines the noise of each channel of a recording at rest, as `inercal noise` does.
 
-1. The recording is parted at its gaps (`pieces`).
-2. Lines are taken out of the spectrum (`lines`); the terms are fitted and chosen (`selection`).
-3. A ramp and the temperature enter where the likelihood asks for them (`drift_regression`).
-4. The fit is judged (`goodness`), and disturbances are looked for (`disturbances`).
+1. The recording is split at its gaps (`pieces`).
+2. Lines are removed from the spectrum (`lines`); the terms are chosen and fitted (`selection`).
+3. A ramp and the temperature are added if the likelihood requires them (`drift_regression`).
+4. The fit is tested (`goodness`), and disturbances are searched for (`disturbances`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -49,12 +49,12 @@ _MARGIN = 1.0  # s, on both sides of a disturbance
 
 
 def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) -> list[Part]:
-    """Return the pieces that no disturbance, nor 1 s about it, covers.
+    """Return the pieces that are at least 1 s away from every disturbance.
 
     Raises
     ------
     InputError
-        None has 64 samples.
+        No piece has 64 samples.
     """
     kept: list[Part] = []
     for part in parts:
@@ -69,7 +69,7 @@ def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) 
         spans = [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
         kept += [part.slice_samples(a, b, dt) for a, b in spans if b - a >= FEWEST]
     if not kept:
-        raise InputError("nothing of the recording is undisturbed: record again")
+        raise InputError("the whole recording is disturbed; record again")
     return kept
 
 
@@ -80,16 +80,16 @@ def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) ->
     ----------
     channel : ChannelNoise
     other : NoiseFit or None
-        Without the disturbed times where `channel` has them, else with them.
+        The fit without the disturbed times if `channel` has them, otherwise with them.
     kept : bool
-        Whether `channel` has the disturbed times.
+        Whether `channel` includes the disturbed times.
     """
     if other is None:
-        return "disturbances cover the recording: K without them is not known"
+        return "disturbances cover the whole recording, so K without them is not known"
     one, two = (_walk(fit, channel.quantity) for fit in (channel.fit, other))
     with_them, without = (one, two) if kept else (two, one)
-    how = "; --skip-disturbed leaves them out" if kept else ""
-    return f"K with the disturbed times: {with_them}; without: {without}{how}"
+    how = "; --skip-disturbed leaves the disturbed times out" if kept else ""
+    return f"K is {with_them} with the disturbed times and {without} without them{how}"
 
 
 def _walk(fit: NoiseFit, quantity: SensorKind) -> str:
@@ -103,7 +103,7 @@ DEVIATIONS = ("oadev", "mdev", "ohdev", "totdev")
 
 @dataclass(frozen=True)
 class AnalysisOptions:
-    """What `analyse_noise` is asked for; see there."""
+    """The options of `analyse_noise`; see there."""
 
     candidates: tuple[str, ...]
     method: Method
@@ -130,18 +130,18 @@ def analyse_noise(
     Parameters
     ----------
     recording : Recording
-        Units of rate (rad/s, °/s, …) or acceleration (m/s², g, …), (n, m). Its gaps part it.
+        Units of rate (rad/s, °/s, …) or acceleration (m/s², g, …), (n, m). It is split at its gaps.
     terms : str, optional
-        Symbols of the terms to fit, such as "NBK"; by default Akaike's criterion chooses.
+        Symbols of the terms to fit, such as "NBK"; by default Akaike's criterion chooses them.
     method : "likelihood", "gmwm" or "wls_log"
         Which estimate of the coefficients is reported. GMWM needs one piece of at most 2¹⁸
-        samples; for others the likelihood is reported, and a remark says so.
+        samples; otherwise the likelihood is reported, and a remark says so.
     spacing : "octave", "decade" or "all"
         Averaging times of the reported deviations. The estimates use octaves.
     kinds : sequence of str
-        Deviations; "oadev" is always among them.
+        Deviations to report; "oadev" is always included.
     keep_disturbed : bool
-        False leaves the disturbed times out, which parts the recording there.
+        If false, the disturbed times are left out, which splits the recording there.
     skipped_bands : sequence of (float, float)
         Lowest and highest frequency of bands that the fit leaves out, Hz.
     gravity : float or None
@@ -156,8 +156,9 @@ def analyse_noise(
     Raises
     ------
     InputError
-        Fewer than 64 samples, a unit of neither quantity, accelerometers that do not read gravity,
-        a reading that is rounded to steps of more than 2.5 times its noise, or unknown terms.
+        There are fewer than 64 samples, a unit is of neither quantity, accelerometers do not read
+        gravity, readings are rounded to steps of more than 2.5 times their noise, or terms are
+        unknown.
     """
     wanted = AnalysisOptions(
         candidate_models(terms), method, spacing, tuple(kinds), keep_disturbed, tuple(skipped_bands)
@@ -194,7 +195,8 @@ def candidate_models(terms: str | None) -> tuple[str, ...]:
     bad = sorted({one for one in chosen if one not in TERMS})
     if bad or not chosen or len(set(chosen)) != len(chosen):
         raise InputError(
-            f"terms {terms!r}: write each of {', '.join(TERMS)} at most once, as in NBK",
+            f"terms {terms!r} are not possible; write each of {', '.join(TERMS)} at most once, "
+            "such as NBK",
             key="--terms",
         )
     return (chosen,)
@@ -220,7 +222,9 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
     if found and not wanted.keep_disturbed:
         parts = quiet_parts(every, found, pieces.dt)
         left = (sum(map(len, every)) - sum(map(len, parts))) * pieces.dt
-        remarks.append(f"{format_duration(left)} were left out (disturbances: {len(found)})")
+        remarks.append(
+            f"{format_duration(left)} were left out because of disturbances (found {len(found)})"
+        )
     spectra, lines = _spectra(parts, pieces.dt, wanted.skipped_bands)
     remarks += [f"{low:g}–{high:g} Hz were left out of the fit" for low, high in
                 wanted.skipped_bands]  # fmt: skip
@@ -265,9 +269,9 @@ def _other_fit(
     like: Bins,
     step: float,
 ) -> NoiseFit | None:
-    """Return the fit without the disturbed times where they are kept, else that with them.
+    """Return the fit without the disturbed times where they are kept, otherwise that with them.
 
-    None where nothing would be left.
+    None if nothing would be left.
     """
     parts = every
     if wanted.keep_disturbed:
@@ -303,7 +307,7 @@ def _spectra(
             lines += found
     if skipped_bands and not any(one.kept.any() for one in spectra):
         raise InputError(
-            f"--skip-band leaves nothing of 0 to {0.5 / dt:g} Hz: skip less",
+            f"--skip-band leaves nothing of 0 to {0.5 / dt:g} Hz; skip less",
             key="--skip-band",
         )
     return tuple(spectra), tuple(lines)

@@ -8,7 +8,7 @@ from inercal.noise.output_filter import OutputFilter
 
 
 def analysis_object(analysis: NoiseAnalysis) -> dict[str, Any]:
-    """Return the analysis as an object of plain values, SI; None for what is not finite."""
+    """Return the analysis as an object of plain values, SI; values that are not finite are None."""
     found = {
         "source": analysis.source,
         "sha256": analysis.sha256,

@@ -1,9 +1,9 @@
-"""White noise from the low frequencies alone, where no filter describes the upper ones.
+"""White noise from the low frequencies only, if no filter describes the upper ones.
 
 Bands grow by half octaves from below. Each is fitted with N, B and K, and the next half octave is
-compared with the fit; where it departs by 3.3 of its standard uncertainty, the band ends. This
-comes late, so that N is some per cent low: the band used ends two half octaves before, and 1 % is
-added to the uncertainty of N.
+compared with the fit; the band ends when it departs by 3.3 times its standard uncertainty. This is
+detected late, which makes N a few per cent too small, so the band used ends two half octaves
+earlier and 1 % is added to the uncertainty of N.
 """
 
 from collections.abc import Sequence

@@ -7,7 +7,7 @@
    instability, or if there is a filter that neither a shape nor a band describes.
 
 White noise behind one pole at f_c and a Gauss–Markov process of T = 1/(2π f_c) have one spectrum.
-They are told apart by the white noise of the read-out: only behind a filter may there be none.
+The white noise of the read-out distinguishes them, because only behind a filter can there be none.
 """
 
 from dataclasses import dataclass, replace
@@ -66,7 +66,7 @@ class ChannelSummary:
         Δ, s.
     mean : float
     spectra : tuple of Spectrum
-        Without lines; those of low frequencies first.
+        Spectra without lines, low frequencies first.
     lines : tuple of SpectralLine
     octaves : Deviations
         Overlapping Allan deviation at octaves, for the estimates.
@@ -75,11 +75,11 @@ class ChannelSummary:
     disturbances : tuple of Disturbance
     remarks : tuple of str
     low_values : (k,) array or None
-        Means whose transform is spectra[0]; None of several pieces.
+        Means whose transform is spectra[0]; None for several pieces.
     regressors : dict of name to (k,) array
         Of the drift.
     step : float
-        To which the readings are rounded; 0 where none is seen.
+        Step to which the readings are rounded; 0 if none is seen.
     """
 
     channel: str
@@ -156,7 +156,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
             return plain
     return _refused(
         plain,
-        "no low-pass filter that is known describes the spectrum, and no band below it gives N",
+        "no known low-pass filter describes the spectrum, and no band below it determines N",
     )
 
 
@@ -224,7 +224,7 @@ def _solve(one: ChannelSummary, bins: Bins, candidates: tuple[str, ...]) -> Nois
 
 
 def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
-    """Return a model behind a filter, or its refusal; None where it is a Gauss–Markov process."""
+    """Return a model behind a filter, or its refusal; None if it is a Gauss–Markov process."""
     fit = found.selection.fit
     output = settled_filter(found.bins, fit)
     assert output is not None
@@ -245,10 +245,10 @@ def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
 
 
 def _same_spectrum(time: float) -> str:
-    """Return that a filter of 1/(2π T) is not told from a Gauss–Markov process of T, s."""
+    """Return that a filter of 1/(2π T) is not distinguished from a Gauss–Markov process of T, s."""
     return (
-        f"white noise behind a low-pass filter at {1 / (2 * np.pi * time):.2g} Hz and a "
-        f"Gauss–Markov process with a time constant of {time:.2g} s have the same spectrum"
+        f"white noise behind a low-pass filter at {1 / (2 * np.pi * time):.2g} Hz has the same "
+        f"spectrum as a Gauss–Markov process with a time constant of {time:.2g} s"
     )
 
 
@@ -277,8 +277,8 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
     ):
         return _refused(
             model,
-            "white noise behind a low-pass filter with a low cut-off and a random walk have the "
-            "same spectrum, and no other white noise is seen",
+            "white noise behind a low-pass filter with a low cut-off has the same spectrum as "
+            "a random walk, and no other white noise is seen that would distinguish them",
         )
     return model
 

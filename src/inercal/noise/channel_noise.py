@@ -1,4 +1,4 @@
-"""What a noise analysis found: coefficients, judgement and disturbances of each channel."""
+"""The result of a noise analysis: coefficients, tests and disturbances of each channel."""
 
 from dataclasses import dataclass
 from math import inf
@@ -32,18 +32,18 @@ class NoiseCoefficient:
         "Q", "N", "B", "K", "G" (σ of a Gauss–Markov process) or "T" (its time constant, s).
     name : str
     value : float
-        0 where only an upper limit is known.
+        0 if only an upper limit is known.
     u : float
-        Standard uncertainty; infinite where only a limit is known.
+        Standard uncertainty; infinite if only a limit is known.
     low, high : float
         Ends of the interval of ±2u by profile likelihood, or 0 and the upper limit (95 %).
     unit : str
-        In which it is printed.
+        Unit in which it is printed.
     ratio, limit : float
         2 ΔL to the best model without the term, and its limit; 0 and 0 for N and T.
     is_open : bool
-        Whether its significance is not judged: a Gauss–Markov process in its place fits better, or
-        it was asked for and is not present by the test.
+        Whether its significance is left open, because a Gauss–Markov process fits better in its
+        place, or because it was requested but the test does not find it.
     """
 
     symbol: str
@@ -64,7 +64,7 @@ class NoiseCoefficient:
 
     @property
     def is_significant(self) -> bool | None:
-        """Whether the term is; None of T, and where this is open."""
+        """Whether the term is significant; None for T, and if this is left open."""
         if self.symbol == "N":
             return not self.is_limit
         if self.symbol == "T" or (not self.is_limit and self.is_open):
@@ -89,7 +89,7 @@ class NoiseRefusal:
     Parameters
     ----------
     symbols : tuple of str
-        Which are not.
+        Symbols of the coefficients that are not stated.
     cause : str
     """
 
@@ -98,9 +98,9 @@ class NoiseRefusal:
 
     @property
     def text(self) -> str:
-        """One sentence."""
+        """The refusal as one sentence."""
         names = f"{', '.join(self.symbols[:-1])} and {self.symbols[-1]}"
-        return f"{names} are not stated: {self.cause}"
+        return f"{names} cannot be stated, because {self.cause}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ class ChannelNoise:
     disturbances : tuple of Disturbance
     drift : tuple of DriftTerm
     remarks : tuple of str
-        What the recording cannot tell, and what was done to it.
+        What the recording cannot determine, and how it was treated.
     comparison : dict of method to coefficients by symbol
         Cross-checks, SI.
     method : str
@@ -136,9 +136,9 @@ class ChannelNoise:
     output : OutputFilter or None
         The sensor's own low-pass filter; N is then its plateau.
     band : float
-        Highest frequency that the fit uses, Hz; infinite where it uses all.
+        Highest frequency that the fit uses, Hz; infinite if it uses all.
     refusal : NoiseRefusal or None
-        Then there are no coefficients.
+        If set, there are no coefficients.
     """
 
     channel: str
@@ -176,14 +176,14 @@ class ChannelNoise:
         return next((one for one in self.coefficients if one.symbol == symbol), None)
 
     def value_or_limit(self, symbol: str) -> float:
-        """Return a coefficient, or its upper limit where only this is known, SI; 0 without both."""
+        """Return a coefficient, or its upper limit if only that is known, SI; 0 without both."""
         found = self.coefficient(symbol)
         if found is None:
             return 0.0
         return found.high if found.is_limit else found.value
 
     def value(self, symbol: str) -> float:
-        """Return a coefficient, SI; 0 where it is not in the model or only limited."""
+        """Return a coefficient, SI; 0 if it is not in the model or only an upper limit is known."""
         found = self.coefficient(symbol)
         return 0.0 if found is None else found.value
 
@@ -200,7 +200,7 @@ class NoiseAnalysis:
         s.
     channels : tuple of ChannelNoise
     remarks : tuple of str
-        Of all channels: gaps, jitter.
+        Remarks on all channels, such as gaps and jitter.
     sha256 : str
         Of the file.
     movement : str
@@ -220,13 +220,14 @@ class NoiseAnalysis:
         Raises
         ------
         InputError
-            There is none of this name.
+            No channel has this name.
         """
         for one in self.channels:
             if one.channel == name:
                 return one
         raise InputError(
-            f"no channel {name!r}; there are {', '.join(one.channel for one in self.channels)}"
+            f"there is no channel {name!r}; there are "
+            f"{', '.join(one.channel for one in self.channels)}"
         )
 
     def of(self, quantity: SensorKind) -> tuple[ChannelNoise, ...]:
@@ -235,12 +236,12 @@ class NoiseAnalysis:
 
 
 def quantity_of(unit: str, channel: str) -> SensorKind:
-    """Return whether a unit is of angular rate or of acceleration.
+    """Return which quantity a unit belongs to, angular rate or acceleration.
 
     Raises
     ------
     InputError
-        It is of neither.
+        The unit is of neither quantity.
     """
     for quantity, like in SI_UNIT.items():
         try:
@@ -249,7 +250,7 @@ def quantity_of(unit: str, channel: str) -> SensorKind:
             continue
         return quantity
     raise InputError(
-        f"channel {channel} is in {unit!r}: noise is stated of rates (rad/s, °/s) and "
+        f"channel {channel} is in {unit!r}, but noise is stated for rates (rad/s, °/s) and "
         "accelerations (m/s², g); convert the readings, or state the scale factor",
         names=(channel,),
     )

@@ -1,10 +1,10 @@
 """From a fit to coefficients with their uncertainties, and what a recording cannot determine.
 
-How long a recording must be for a wanted uncertainty follows from the information of the spectrum:
-with frequencies k/2T of a recording of length T, the covariance of the variances θ is
-[½ Σ_k e eᵀ/S²]⁻¹, and u of a coefficient is u(θ)/2√θ. Each coefficient k counts, to the Nyquist
-frequency. A term whose own uncertainty exceeds its value is not seen in such a recording, and not
-fitted: the others are then better known.
+The recording time needed for a wanted uncertainty follows from the information in the spectrum.
+With the frequencies k/2T of a recording of length T, the covariance of the variances θ is [½ Σ_k e
+eᵀ/S²]⁻¹, and u of a coefficient is u(θ)/2√θ. All coefficients k up to the Nyquist frequency are
+used. A term whose own uncertainty exceeds its value is not visible in such a recording and is not
+fitted, so the others are known better.
 """
 
 from dataclasses import replace
@@ -46,7 +46,7 @@ _SEEN = 1.0  # largest relative uncertainty of a term that is fitted
 def possible_method(
     method: Method, n: int, *, single: bool, bins: Bins
 ) -> tuple[Method, tuple[str, ...]]:
-    """Return the method, or the likelihood in place of GMWM that is not possible, and remarks.
+    """Return the method, or the likelihood if GMWM is not possible, with remarks.
 
     Parameters
     ----------
@@ -54,21 +54,21 @@ def possible_method(
     n : int
         Samples of the longest piece.
     single : bool
-        Whether it is the only piece: GMWM joins none.
+        Whether it is the only piece, because GMWM cannot join pieces.
     bins : Bins
-        Of the fit: GMWM has no model of a sensor's filter, and needs all averaging times.
+        Bins of the fit. GMWM has no model of a sensor's filter and needs all averaging times.
     """
     if method != "gmwm":
         return method, ()
     if bins.output is not None or bins.limit < np.inf:
-        why = "the sensor has a low-pass filter of its own"
+        why = "the sensor has its own low-pass filter"
     elif not single:
         why = "the recording has gaps"
     elif n > _GMWM_LONGEST:
-        why = f"{n} samples exceed its {_GMWM_LONGEST}"
+        why = f"{n} samples are more than its limit of {_GMWM_LONGEST}"
     else:
         return method, ()
-    return "likelihood", (f"gmwm is not possible, {why}: the likelihood is reported",)
+    return "likelihood", (f"gmwm is not possible because {why}, so the likelihood is reported",)
 
 
 def estimate_coefficients(
@@ -81,7 +81,7 @@ def estimate_coefficients(
 ) -> tuple[tuple[NoiseCoefficient, ...], dict[str, Estimates]]:
     """Return the coefficients by a method, and the estimates of the other methods, SI.
 
-    B and K that are not in the model, or not significant, have only an upper limit.
+    B and K have only an upper limit if they are not in the model or not significant.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def _coefficient(
 
 
 def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
-    """Return remarks on models that fit alike, and on terms that white noise covers.
+    """Return remarks on models that fit equally well, and on terms that white noise hides.
 
     Parameters
     ----------
@@ -213,18 +213,17 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
         names = ", ".join(
             f"{' + '.join(one.symbols)} (AIC {one.aic - fit.aic:+.1f})" for one in rivals
         )
-        found.append(f"the recording does not distinguish {' + '.join(fit.symbols)} from {names}")
+        found.append(f"the recording cannot distinguish {' + '.join(fit.symbols)} from {names}")
     if hidden := hidden_terms(selection, seconds):
         found.append(
-            f"white noise covers {' and '.join(hidden)} at all averaging times, of which the "
-            f"longest is {format_duration(seconds / 2)}: only an upper limit is stated; record "
-            "longer"
+            f"white noise hides {' and '.join(hidden)} at all averaging times up to the longest, "
+            f"{format_duration(seconds / 2)}, so only an upper limit is stated; record longer"
         )
     return found
 
 
 def hidden_terms(selection: Selection, seconds: float) -> tuple[str, ...]:
-    """Return B and K where white noise exceeds the other terms at all averaging times.
+    """Return which of B and K are hidden because white noise is larger at all averaging times.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
-"""Equivalent degrees of freedom of deviations, their 95 % intervals, and the name of the noise.
+"""Equivalent degrees of freedom of deviations, their 95 % intervals, and the type of the noise.
 
 Combined algorithm of Greenhall and Riley (PTTI 2003), with S(f) ∝ f^α of y: α = 2 quantisation,
-0 white, −1 flicker, −2 random walk. Total deviations: SP 1065, tables 7 to 11. The name of a noise
-is by the lag-1 autocorrelation (Riley and Greenhall 2004): a label, not an estimate.
+0 white, −1 flicker, −2 random walk. Total deviations: SP 1065, tables 7 to 11. The type of noise
+is identified by the lag-1 autocorrelation (Riley and Greenhall 2004); it is a label, not an
+estimate.
 """
 
 from functools import lru_cache
@@ -34,8 +35,8 @@ def identify_noise(x: Array, m: int) -> int:
     x : (n + 1,) array
         Cumulative sums.
     m : int
-        Where fewer than 30 block means are left, those of a smaller factor are used; of more than
-        65 536 the first ones.
+        If fewer than 30 block means are left, a smaller factor is used; of more than 65 536 only
+        the first ones are used.
     """
     m = max(1, min(m, (x.size - 1) // _FEWEST))
     z = np.diff(x[: _MOST * m + 1 : m])

@@ -7,7 +7,7 @@ A noise density of the form rms/√bandwidth is one-sided, N is the root of the 
     B_n = f₃ (π/2n)/sin(π/2n)          f₃ −3 dB frequency of a Butterworth filter of order n
     min² = (2 ln2/π) B² + 2 N K/√3     min the minimum of the Allan deviation, at τ = √3 N/K
 
-Where K is not known, B is min/√(2 ln2/π), which is rather too large.
+If K is not known, B is taken as min/√(2 ln2/π), which is somewhat too large.
 Sources: IEEE Std 952, annex B; IEEE Std 1293.
 """
 
@@ -26,7 +26,10 @@ WhiteKind = Literal["density", "random walk"]
 BiasKind = Literal["minimum", "coefficient"]
 BandwidthKind = Literal["noise", "first order", "second order"]
 _ORDERS: dict[BandwidthKind, int] = {"first order": 1, "second order": 2}
-_NO_UNCERTAINTY = "a data sheet states no uncertainty: typical values, from which a device differs"
+_NO_UNCERTAINTY = (
+    "a data sheet states typical values without uncertainty, and a single device may differ from "
+    "them"
+)
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,9 @@ class SheetCoefficient:
     ----------
     symbol : "N", "B" or "K"
     values : tuple of float
-        One for all axes, or one for each.
+        One value for all axes, or one for each.
     stated : str
-        What the data sheet states, with its kind: "0.008 °/s/√Hz (density)".
+        What the data sheet states, with its kind, such as "0.008 °/s/√Hz (density)".
     """
 
     symbol: str
@@ -63,12 +66,12 @@ class DataSheetNoise:
     Parameters
     ----------
     name : str
-        Of the data sheet.
+        Name of the data sheet.
     rate_hz : float
-        Of the samples; 0 where none is stated.
+        Sampling rate; 0 if none is stated.
     coefficients : dict of quantity to tuple of SheetCoefficient
     remarks : tuple of str
-        What is doubtful in what it states.
+        Doubts about the stated values.
     """
 
     name: str
@@ -78,7 +81,7 @@ class DataSheetNoise:
 
     @property
     def sensor_noise(self) -> SensorNoise:
-        """The noise as other programs take it."""
+        """The noise in the form that other programs use."""
         triads: dict[SensorKind, TriadNoise] = {
             quantity: _triad(quantity, self.coefficients[quantity], self.rate_hz)
             for quantity in QUANTITIES
@@ -88,7 +91,7 @@ class DataSheetNoise:
 
     @property
     def all_remarks(self) -> tuple[str, ...]:
-        """The remarks, and that there is no uncertainty."""
+        """The remarks, and the statement that there is no uncertainty."""
         return (_NO_UNCERTAINTY, *self.remarks)
 
     def coefficient(self, quantity: SensorKind, symbol: str) -> SheetCoefficient | None:
@@ -116,7 +119,7 @@ def white_noise(value: float, kind: WhiteKind) -> float:
 def white_noise_of_rms(rms: float, bandwidth: float, kind: BandwidthKind) -> float:
     """Return N, SI, of an rms value within a bandwidth, Hz.
 
-    The noise is taken as white up to there.
+    The noise is assumed to be white up to that bandwidth.
 
     >>> round(white_noise_of_rms(1.0, 50.0, "noise"), 4)
     0.1
@@ -139,7 +142,7 @@ def noise_bandwidth(bandwidth: float, kind: BandwidthKind) -> float:
 def bias_instability(value: float, kind: BiasKind, others: float = 0.0) -> float:
     """Return B, SI, of the minimum of an Allan deviation or of the coefficient itself.
 
-    It is not a number where the other terms alone have a larger minimum.
+    It is not a number if the other terms alone have a larger minimum.
 
     Parameters
     ----------

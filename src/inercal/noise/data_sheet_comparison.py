@@ -1,4 +1,4 @@
-"""A measured noise beside that of a data sheet, channel by channel."""
+"""Compares measured noise with that of a data sheet, channel by channel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ HEADS = ("channel", "term", "measured", "U (k = 2)", "data sheet", "unit", "meas
 
 @dataclass(frozen=True)
 class SheetComparison:
-    """A coefficient of a channel beside that of a data sheet, SI.
+    """A coefficient of a channel compared with that of a data sheet, SI.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class SheetComparison:
     quantity : "gyro" or "accelerometer"
     symbol : "N", "B" or "K"
     value, u : float
-        As measured; 0 and infinite where only a limit is known or nothing was found.
+        As measured; 0 and infinite if only a limit is known or nothing was found.
     limit : float or None
-        Upper limit (95 %) where only that is known.
+        Upper limit (95 %) if only that is known.
     sheet : float
     """
 
@@ -60,7 +60,7 @@ class SheetComparison:
 
     @property
     def unit(self) -> str:
-        """In which it is printed."""
+        """The unit in which it is printed."""
         return coefficient_unit(self.symbol, self.quantity)
 
     @property
@@ -90,8 +90,8 @@ def compare_with_sheet(
     Raises
     ------
     InputError
-        No channel is of a kind that the data sheet states, or it has a value for each of three
-        axes and the recording another number of them.
+        No channel is of a kind that the data sheet states, or the data sheet has values for three
+        axes but the recording has another number of axes.
     """
     found: list[SheetComparison] = []
     for quantity in QUANTITIES:
@@ -100,8 +100,8 @@ def compare_with_sheet(
             for one in sheet.coefficients.get(quantity, ()):
                 if len(one.values) > 1 and len(channels) != _AXES:
                     raise InputError(
-                        f"[datasheet.{quantity}] has a value for each of {_AXES} axes, and "
-                        f"{analysis.source or 'the recording'} has {len(channels)}: state one "
+                        f"[datasheet.{quantity}] has a value for each of {_AXES} axes, but "
+                        f"{analysis.source or 'the recording'} has {len(channels)}; state one "
                         "value for all",
                         key=f"[datasheet.{quantity}]",
                     )
@@ -109,8 +109,8 @@ def compare_with_sheet(
     if not found:
         raise InputError(
             f"{analysis.source or 'the recording'} has no channels of "
-            f"{' or '.join(sheet.coefficients)}s, which data sheet {sheet.name} states: leave "
-            "--datasheet out",
+            f"{' or '.join(sheet.coefficients)}s, which data sheet {sheet.name} states; remove "
+            "--datasheet",
             key="--datasheet",
         )
     return tuple(found)
@@ -126,7 +126,7 @@ def _comparison(channel: ChannelNoise, sheet: SheetCoefficient, k: int) -> Sheet
 
 
 def kind_remarks(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> tuple[str, ...]:
-    """Return where the ratio of white noise is √2 or 1/√2: the other kind may be meant."""
+    """Return remarks on ratios of √2 or 1/√2, which suggest that the other kind was meant."""
     found: list[str] = []
     for quantity in QUANTITIES:
         ratios = [
@@ -145,9 +145,9 @@ def kind_remarks(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> tupl
             other = "random walk" if is_density else "density"
             value = shown(stated.mean * factor, "N", quantity)
             found.append(
-                f"the {quantity}s' N is {mean:.2f} times the data sheet's: as a {other}, "
-                f"{stated.stated.rpartition(' (')[0]} would be N = {value}, which is close to the "
-                "measured; check white_kind"
+                f"the measured N of the {quantity}s is {mean:.2f} times the data sheet's. If "
+                f"{stated.stated.rpartition(' (')[0]} were a {other}, N would be {value}, "
+                "which is close to the measured value; check white_kind"
             )
     return tuple(found)
 

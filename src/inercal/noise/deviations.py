@@ -8,10 +8,11 @@ averaging time is τ = m Δ. Each variance is a mean of squared differences (Ril
     mdev    as oadev of the means of m sums;  tdev = τ mdev/√3
     totdev  as oadev of the series reflected at both ends
 
-Past m = 1024 every (m/16)-th difference is used: neighbours repeat one another. The equivalent
-degrees of freedom count it: they fall by 0.5 % of white noise and of what is slower, but of
-quantisation, where neighbours repeat nothing, to those of the differences that are used. At all
-averaging factors the overlapping Allan variance uses every difference, which takes n²/4 of them.
+Above m = 1024 only every (m/16)-th difference is used, because neighbouring ones are nearly equal.
+The equivalent degrees of freedom take this into account: they fall by 0.5 % for white noise and
+slower noise, but for quantisation noise, whose neighbours are independent, to those of the
+differences used. With spacing "all" the overlapping Allan variance uses every difference, which are
+n²/4.
 """
 
 from collections.abc import Sequence
@@ -108,7 +109,7 @@ class Deviations:
     edf : (k,) array
         Equivalent degrees of freedom.
     label : tuple of str
-        Term that the lag-1 autocorrelation names at each averaging time; a label only.
+        Type of noise by the lag-1 autocorrelation at each averaging time; only a label.
     count : (k,) array of int
         Differences that were used.
     """
@@ -133,7 +134,7 @@ def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
     spacing : "octave", "decade" or "all"
         Powers of 2; 1, 2, 4 of each decade; or every one.
     phases : int
-        Averaging times within a difference: 2, of Hadamard's and the modified deviation 3.
+        Averaging times within a difference: 3 for Hadamard and modified deviations, otherwise 2.
     """
     last = max(n // phases, 1)
     if spacing == "all":
@@ -145,7 +146,7 @@ def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
 
 
 def cumulative_sum(y: Array) -> Array:
-    """Return x, (n + 1,), of y less its mean, which cancels in every difference."""
+    """Return x, (n + 1,), of y minus its mean, which cancels in every difference."""
     x = np.empty(y.size + 1)
     x[0] = 0.0
     np.cumsum(y - y.mean(), out=x[1:])
@@ -263,12 +264,14 @@ def deviations(
     Raises
     ------
     InputError
-        An unknown kind, a series that is too short, or a factor that is too large for it.
+        The kind is unknown, the series is too short, or a factor is too large for it.
     """
     if kind not in KINDS:
-        raise InputError(f"no deviation {kind!r}; there are {', '.join(KINDS)}", key="--deviation")
+        raise InputError(
+            f"there is no deviation {kind!r}; there are {', '.join(KINDS)}", key="--deviation"
+        )
     if y.size < 3:
-        raise InputError(f"{y.size} values have no Allan deviation: give at least 3")
+        raise InputError(f"{y.size} values are too few for an Allan deviation; give at least 3")
     phases = _PHASES[kind]
     chosen = averaging_factors(y.size, spacing, phases) if factors is None else np.asarray(factors)
     if chosen.min() < 1 or chosen.max() * phases > y.size:

@@ -1,4 +1,4 @@
-"""Steps, knocks and bursts in a recording at rest: when, how large, and for how long.
+"""Finds steps, knocks and bursts in a recording at rest, with their time, size and duration.
 
 (a) A step at t changes the mean: |mean after − mean before| over averaging times of 1 to 128 s is
 compared with its scatter √2 σ(τ), whose robust estimate is the median of all differences. (b) A
@@ -47,7 +47,7 @@ class Disturbance:
         Of a step or knock: the change of the mean, in the unit of the series. Of a burst: the sd
         of the samples over that of the recording.
     score : float
-        Over its limit.
+        Test statistic divided by its limit.
     """
 
     kind: Literal["step", "knock", "burst"]
@@ -57,7 +57,7 @@ class Disturbance:
     score: float
 
     def shifted(self, seconds: float) -> "Disturbance":
-        """Return the disturbance with its time counted from earlier by so many seconds."""
+        """Return the disturbance with `seconds` added to its time."""
         return replace(self, time=self.time + seconds)
 
 
@@ -77,7 +77,7 @@ def find_disturbances(y: Array, dt: float) -> tuple[Disturbance, ...]:
 
 
 def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
-    """Return the samples with a line in place of each burst, whose means would look like knocks."""
+    """Return the samples with a line instead of each burst, whose means would look like knocks."""
     if not bursts:
         return y
     work = y.astype(np.float64, copy=True)
@@ -95,7 +95,7 @@ def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
 def mean_changes(y: Array, dt: float) -> tuple[list[int], list[Array], list[float]]:
     """Return factors m, and the difference of means at each sample and its scatter, by m.
 
-    The scatter is infinite where there is none. The difference
+    The scatter is infinite if there is none. The difference
     at i is mean(y[i : i+m]) − mean(y[i−m : i]); it is 0 within m of both ends.
     """
     low = max(1, round(_SHORTEST / dt))
@@ -210,9 +210,9 @@ def window_variances(y: Array, dt: float) -> tuple[Array, int]:
 
 
 def clipping_level(d: Array) -> float:
-    """Return the largest squared difference of neighbours that counts in a window.
+    """Return the largest squared difference of neighbours that is used in a window.
 
-    A step or a knock is one or two larger ones, and no burst.
+    A step or a knock makes only one or two larger ones and must not look like a burst.
     """
     return _LARGEST_DIFFERENCE * float(np.median(d)) / _CHI_SQUARED_MEDIAN
 
@@ -229,10 +229,10 @@ def find_bursts(y: Array, dt: float) -> list[Disturbance]:
 
 
 def samples_per_degree(y: Array) -> float:
-    """Return how many samples make one degree of freedom of the variance of their differences.
+    """Return the number of samples per degree of freedom of the variance of their differences.
 
-    1 + 2 Σ r² of the autocorrelation of the differences: 1.5 of white noise, and more behind a
-    low-pass filter.
+    It is 1 + 2 Σ r² with the autocorrelation r of the differences: 1.5 for white noise, and more
+    behind a low-pass filter.
     """
     d = np.diff(y[:_CORRELATED_SAMPLES])
     largest = np.sqrt(clipping_level(d**2))
@@ -249,7 +249,7 @@ def samples_per_degree(y: Array) -> float:
 def bursts_of_windows(
     halves: Array, half: int, dt: float, per_degree: float = _WHITE_DIFFERENCES
 ) -> list[Disturbance]:
-    """Return the bursts of a channel whose samples are gone, as long as their windows.
+    """Return the bursts of a channel without its samples; each is as long as its windows.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Drift that is no noise: a ramp, and what follows the temperature, inside the likelihood.
+"""Deterministic drift inside the likelihood: a ramp and a dependence on temperature.
 
     c = X β + e,   E e² = S        L = ½ Σ [ln S + (c − Xβ)²/S] + ½ ln|Xᵀ S⁻¹ X|   (REML)
 
-The regressors X are transformed as the data are. A line fitted first would take random walk along:
-K would be 0.91 of the truth in the median; REML keeps 0.994.
+The regressors X are transformed like the data. Fitting and removing a line first would also remove
+random walk: the median of K would be 0.91 of the truth, while REML gives 0.994.
 """
 
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ class DriftFit:
     ----------
     selection : Selection
     bins : Bins
-        Of what the drift leaves, with the correction of REML.
+        Bins of the data without the drift, with the correction of REML.
     terms : tuple of DriftTerm
     loss : float
         L at the minimum, without the correction of REML.
@@ -97,7 +97,7 @@ def drift_regressors(count: int, dt: float, temperature: Array | None) -> dict[s
     dt : float
         Of these, s.
     temperature : array, optional
-        Its block means, K; not used where it is constant or of another length.
+        Its block means, K; ignored if it is constant or of another length.
     """
     found: dict[str, Array] = {"ramp": np.arange(count, dtype=np.float64) * dt}
     if temperature is not None and temperature.size == count and np.ptp(temperature) > 0:
@@ -170,7 +170,7 @@ def find_drift(
     selection: Selection,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit | None:
-    """Return the drift that the data show, and None where 2 L falls by less than 10.83 for each.
+    """Return the drift that the data show; None if 2 L drops by less than 10.83 for each term.
 
     Parameters
     ----------

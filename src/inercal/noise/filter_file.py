@@ -1,12 +1,12 @@
-"""The noise of a sensor as states of a filter with steps of Δ: Q of each state, as YAML.
+"""Writes the noise of a sensor as states of a filter with steps of Δ and their Q, as YAML.
 
 A random walk of the bias has q = K² Δ; a Gauss–Markov state φ = e^(−Δ/T) and q = σ² (1 − φ²).
 Flicker is a chain of such states (`flicker_states`). White noise N has no state: N² Δ is the
 variance of the angle, or velocity, that it adds in a step.
 
-The Allan variance of the processes of a chain, of times T_k and variances v_k, is that of flicker
-of B = 1, 2 ln 2/π, between two averaging times; the largest misfit of the deviation is least over
-the T_k, evenly spaced in ln T, and the v_k ≥ 0.
+Between two averaging times the Allan variance of a chain of processes, with times T_k and variances
+v_k, approximates that of flicker with B = 1, 2 ln 2/π. The T_k, evenly spaced in ln T, and the
+v_k ≥ 0 minimise the largest misfit of the deviation.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ _SHORTEST = 1.0  # s, of the averaging times of a chain; of slow sensors ten sam
 
 @dataclass(frozen=True, eq=False)
 class FlickerStates:
-    """Gauss–Markov processes whose sum is flicker of B = 1.
+    """Gauss–Markov processes whose sum approximates flicker with B = 1.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _chain(tau: Array, times: Array) -> FlickerStates:
 
 
 def filter_text(noise: SensorNoise, horizon: float) -> str:
-    """Return the states of a filter that holds the noise, SI; an axis triad has one value.
+    """Return the states of a filter that describe the noise, SI; a triad has one value.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def filter_text(noise: SensorNoise, horizon: float) -> str:
     for quantity, triad in noise.triads.items():
         lines += [f"{quantity}:", *_triad_lines(triad, SI_UNIT[quantity], longest)]
     if len(lines) == 1:
-        raise InputError("the analysis has no axes: nothing to write for a filter")
+        raise InputError("the analysis has no axes, so there is nothing to write for a filter")
     return "\n".join([*lines, ""])
 
 

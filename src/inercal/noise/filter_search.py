@@ -2,12 +2,12 @@
 
 Each shape of `inercal.noise.output_filter` is fitted with the terms N, B and K, with and without
 white noise of the read-out behind it: Fisher scoring as in `inercal.noise.likelihood`, where
-dS/d ln f_c is one more column. The shape with the least Bayesian criterion is taken, to which 4 are
-added for a shape other than one pole, and 4 for the floor.
+dS/d ln f_c is one more column. The shape with the smallest Bayesian criterion is chosen, after
+adding 4 for a shape other than one pole and 4 for the floor.
 
-A filter is believed where the criterion is more than 10 better than without one and its floor is
-at most a tenth of the white noise: with a larger one it is white noise with a Gauss–Markov process,
-which has the same spectrum. Whether the fit then describes the recording is for its caller to test.
+A filter is accepted if the criterion is more than 10 better than without one and its floor is at
+most a tenth of the white noise; with a larger floor it is white noise with a Gauss–Markov process,
+which has the same spectrum. The caller must test whether the fit then describes the recording.
 """
 
 from collections.abc import Sequence
@@ -94,7 +94,7 @@ class FilterFit:
 
     @property
     def is_possible(self) -> bool:
-        """Whether it is a filter: a small floor, and a cut-off below half the rate."""
+        """Whether this can be a filter: its floor is small and its cut-off below half the rate."""
         if self.floor > LARGEST_FLOOR * (self.white - self.floor - self.known_floor):
             return False
         return not self.shape.has_cutoff or self.cutoff < _AT_LIMIT * self.shape.highest
@@ -202,7 +202,7 @@ def _starts(shape: FilterShape) -> tuple[float, ...]:
 
 
 def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> FilterSearch | None:
-    """Return the best filter of a recording; None where none comes near to what has none.
+    """Return the best filter of a recording; None if every filter is clearly worse than none.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     symbols : sequence of str
         Terms before the filter, N first.
     known_floor : float
-        F² of the rounding of the readings, N² in SI; 0 where no step is known.
+        F² of the rounding of the readings, N² in SI; 0 if no step is known.
     """
     problem = _Problem(bins, symbols, known_floor)
     _, plain = scored_fit(bins.power, bins.weight, problem.base)

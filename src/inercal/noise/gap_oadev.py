@@ -1,13 +1,13 @@
-"""Allan deviations of a recording in pieces: across the gaps, or joined from those of the pieces.
+"""Allan deviations of a recording in pieces, either across the gaps or joined from the pieces.
 
 Samples lie on one grid of the sampling interval. A difference of means over m places of the grid
 counts where both are at least half full::
 
     σ²(m Δ) = ½ mean of (mean of the later m − mean of the earlier m)²
 
-Nothing stands in the gaps. A mean of fewer samples has more white noise: on 20 gaps of 60 s the
-variance is right to 2 %. The equivalent degrees of freedom are those of the whole grid times the
-share of the differences that count.
+Nothing is filled into the gaps. Means of fewer samples have more white noise, but with 20 gaps of
+60 s the variance is correct to 2 %. The equivalent degrees of freedom are those of the whole grid
+times the share of the differences that are used.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ _PHASES = 2
 
 
 def fits_grid(parts: Sequence[Part], dt: float) -> bool:
-    """Return whether the grid has at most four times as many places as there are samples."""
+    """Tell whether the grid has at most four times as many places as there are samples."""
     return _offsets(parts, dt)[-1] + len(parts[-1]) <= _LARGEST_GRID * sum(map(len, parts))
 
 

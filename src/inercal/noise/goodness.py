@@ -1,11 +1,11 @@
-"""Whether the fitted terms describe a recording: by frequency and by averaging time.
+"""Tests by frequency and by averaging time whether the fitted terms describe a recording.
 
 A bin of w squared coefficients has the distribution of χ²: its residual is z = Φ⁻¹(F_w(w I/S)), a
-standard normal deviate where the model is right. (I/S − 1 would do for large w; of a single
+standard normal deviate if the model is right. (I/S − 1 would do for large w; of a single
 coefficient its square has such long tails that one bin in a thousand fails a decade.) Over a decade
 of frequency the mean square of z must not exceed 1.5, or what its few bins may reach by chance
-(3.5 standard deviations). The overlapping Allan deviation must lie within its 95 % band, but for
-one in five.
+(3.5 standard deviations). The overlapping Allan deviation must be within its 95 % band at four in
+five averaging times.
 """
 
 from dataclasses import dataclass
@@ -61,7 +61,7 @@ class Decade:
 
 @dataclass(frozen=True, eq=False)
 class Goodness:
-    """The judgement of a fit.
+    """The result of testing a fit.
 
     Parameters
     ----------
@@ -87,18 +87,18 @@ class Goodness:
 
     @property
     def within_band(self) -> bool:
-        """Whether the model lies in the band of the Allan deviation."""
+        """Whether the model is within the band of the Allan deviation."""
         return self.outside <= max(1, int(_OUTSIDE * self.judged))
 
     @property
     def worst(self) -> Decade | None:
-        """The decade that the terms describe worst, of those that they do not."""
+        """The decade that the terms describe worst, among those that they do not describe."""
         bad = [one for one in self.decades if not one.fits]
         return max(bad, key=lambda one: one.mean_square / one.limit, default=None)
 
     @property
     def worst_band(self) -> tuple[float, float] | None:
-        """Ends of the band that the terms describe worst, Hz; None of a single frequency."""
+        """Ends of the band that the terms describe worst, Hz; None for a single frequency."""
         one = self.worst
         if one is None or one.worst_low == one.worst_high:
             return None
@@ -106,14 +106,14 @@ class Goodness:
 
     @property
     def verdict(self) -> str:
-        """One sentence: whether the terms suffice, and where not."""
+        """One sentence that says whether the terms describe the recording, and if not, where."""
         worst = self.worst
         if worst is None and self.within_band:
             return "the terms describe the recording"
         if worst is None:
             return (
-                f"the terms miss the Allan deviation at {self.outside} of {self.judged} averaging "
-                "times"
+                f"the terms do not fit the Allan deviation at {self.outside} of {self.judged} "
+                "averaging times"
             )
         band = f"{worst.worst_low:.3g}–{worst.worst_high:.3g} Hz"
         if worst.worst_low == worst.worst_high:

@@ -5,7 +5,7 @@ noise coefficients. With the mean I of w squares in a bin, minus the log-likelih
 
     L = ½ Σ w [ln S + I/S]
 
-Fisher scoring: each step is a non-negative least squares with weights w/2S², and is halved while
+Fisher scoring is used: each step is a non-negative least squares with weights w/2S², halved while
 L rises. Covariance of θ: [½ Σ w e eᵀ/S²]⁻¹. k = 0 is left out, so that the bias costs nothing
 (REML). A quasi-Newton search in ln θ does not converge here: B runs to zero.
 """
@@ -60,7 +60,7 @@ class NoiseFit:
 
     @property
     def parameters(self) -> int:
-        """Number of parameters: a Gauss–Markov process counts three, σ, T and the search over T."""
+        """Number of parameters; a Gauss–Markov process counts as three (σ, T, search over T)."""
         return len(self.symbols) + 2 * ("G" in self.symbols)
 
     @property
@@ -69,7 +69,7 @@ class NoiseFit:
         return 2 * self.loss + 2 * self.parameters
 
     def variance(self, symbol: str) -> float:
-        """Return θ of a term; 0 for one that is not in the model."""
+        """Return θ of a term; 0 if it is not in the model."""
         if symbol not in self.symbols:
             return 0.0
         return float(self.variances[self.symbols.index(symbol)])
@@ -134,7 +134,7 @@ def _weighted_nnls(columns: Array, target: Array, weight: Array) -> Array:
 
 
 def coarse_fit(power: Array, weight: Array, columns: Array, fixed: Array) -> Array:
-    """Return θ from about 25 groups of bins, each weighted by what it holds."""
+    """Return θ from about 25 groups of bins, each weighted by its content."""
     groups = np.array_split(np.arange(power.size), min(_START_GROUPS, power.size))
     starts = np.array([one[0] for one in groups])
     total = np.add.reduceat(weight, starts)
@@ -183,7 +183,7 @@ def _model(bins: Bins, basis: Array, theta: Array) -> Array:
 
 
 def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = None) -> NoiseFit:
-    """Return the fit of these terms; T of a Gauss–Markov term is fitted where it is not given.
+    """Return the fit of these terms; T of a Gauss–Markov term is fitted if not given.
 
     Parameters
     ----------
@@ -269,9 +269,9 @@ def _parabola(at: Callable[[float], float], centre: float, values: Array, step: 
 def profile_limits(
     bins: Bins, fit: NoiseFit, symbol: str, rise: float = PROFILE_TWO_SIDED
 ) -> tuple[float, float]:
-    """Return the coefficients at which 2 L has risen by `rise`, the other terms fitted anew.
+    """Return the coefficients at which 2 L has risen by `rise`, with the other terms refitted.
 
-    The lower end is 0 where L does not rise so far. T is kept.
+    The lower end is 0 if L does not rise that far. T is kept.
     """
     j = fit.symbols.index(symbol)
     basis = basis_matrix(bins, fit.symbols, fit.markov_time)

@@ -1,9 +1,9 @@
-"""Lines in a spectrum: vibration and mains hum, found and taken out before the terms are fitted.
+"""Finds and removes lines in a spectrum (vibration, mains hum) before the terms are fitted.
 
 A coefficient is a line where c_k² over the running median exceeds the χ²₁ quantile of .0001/n. The
 median of χ²₁ is 0.455. The window of the median grows with k: a narrow one scatters, and a wide
-one would not follow the spectrum of drift. A line takes two neighbours on each side along, and a
-strong one as many as its leakage reaches. Of segments whose squares are averaged, χ² has as many
+one would not follow the spectrum of drift. A line includes two neighbours on each side, and a
+strong one as many as its leakage reaches. If the squares of segments are averaged, χ² has as many
 degrees of freedom as there are segments.
 """
 
@@ -25,7 +25,7 @@ _JOINED = 32  # coefficients between two that are parts of one line, which a sho
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A line: frequency, Hz, and amplitude of the sinusoid in the unit of the series."""
+    """A line: its frequency, Hz, and the amplitude of the sinusoid in the unit of the series."""
 
     frequency: float
     amplitude: float

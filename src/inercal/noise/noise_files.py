@@ -1,4 +1,4 @@
-"""The noise of a sensor for other programs: run-file sections, Kalibr's imu.yaml, ROS covariances.
+"""Writes the noise of a sensor for other programs: run-file sections, Kalibr, ROS covariances.
 
 A triad has one value for all axes: the root mean square over its axes. Kalibr's numbers are
 continuous-time: N in rad/s/√Hz and m/s²/√Hz, K in rad/s²/√Hz and m/s³/√Hz.
@@ -48,16 +48,16 @@ def run_file_sections(noise: SensorNoise) -> dict[str, list[str]]:
 def merge_sections(
     text: str, sections: dict[str, list[str]], replaced: Collection[str] = ()
 ) -> str:
-    """Return the text of a run file with these lines in its sections, in place of the same keys.
+    """Return the text of a run file with these lines replacing the same keys in its sections.
 
     Parameters
     ----------
     text : str
-        Empty for a new file, which then holds the sections alone.
+        Empty for a new file, which then contains only the sections.
     sections : dict of str to list of str
         Of `run_file_sections`.
     replaced : collection of str
-        Keys that are taken out though the sections have none: what was found before.
+        Keys to remove even if the sections lack them, because an earlier analysis wrote them.
     """
     lines = text.splitlines()
     for name, new in sections.items():
@@ -90,8 +90,8 @@ def walk_for_filter(
 ) -> tuple[float, str]:
     """Return K, SI, and its origin.
 
-    As found; of B where only a limit of K is known, K = 0.664 B √(3/τ_h) of a horizon τ_h, s; else
-    the upper limit. 0 of a data sheet that states neither.
+    K is the value found. If only a limit is known, it is 0.664 B √(3/τ_h) with a horizon τ_h, s, or
+    without B the upper limit. It is 0 if a data sheet states neither.
     """
     origin, done = ("data sheet", "stated") if is_data_sheet else ("fit", "seen")
     if "K" in noise.values and "K" not in noise.limits:
@@ -99,7 +99,7 @@ def walk_for_filter(
     if "B" in noise.values:
         value = float(np.sqrt(FLICKER_FLOOR)) * noise.values["B"][0] * np.sqrt(3 / horizon)
         return float(value), (
-            f"no random walk is {done}: K with the Allan deviation of B at {horizon:g} s"
+            f"no random walk is {done}: K from the Allan deviation of B at {horizon:g} s"
         )
     if "K" in noise.values:
         return noise.values["K"][0], "upper limit (95 %): no random walk is seen"
@@ -111,8 +111,8 @@ def _require_walk(noise: TriadNoise, horizon: float, *, is_data_sheet: bool) -> 
     walk, why = walk_for_filter(noise, horizon, is_data_sheet=is_data_sheet)
     if not walk:
         raise InputError(
-            f"[datasheet.{noise.quantity}] states no random_walk and no bias_instability, of which "
-            "Kalibr needs one: add it, or record the sensor at rest",
+            f"[datasheet.{noise.quantity}] states neither random_walk nor bias_instability, "
+            "but Kalibr needs one of them; add it, or record the sensor at rest",
             key=f"[datasheet.{noise.quantity}] random_walk",
         )
     return walk, why
@@ -123,13 +123,13 @@ def _white(noise: TriadNoise, *, is_data_sheet: bool) -> float:
         return noise.values["N"][0]
     if is_data_sheet:
         raise InputError(
-            f"[datasheet.{noise.quantity}] states no white noise, which Kalibr and ROS need: add "
-            "white or rms",
+            f"[datasheet.{noise.quantity}] states no white noise, but Kalibr and ROS need it; "
+            "add white or rms",
             key=f"[datasheet.{noise.quantity}] white",
         )
     raise InputError(
-        f"no white noise N was found for the {noise.quantity}s, which Kalibr and ROS need: fit "
-        "it, as by --terms NBK",
+        f"no white noise N was found for the {noise.quantity}s, but Kalibr and ROS need it; "
+        "fit it, for example with --terms NBK",
         key="--terms",
     )
 
@@ -139,12 +139,12 @@ def _absence(noise: SensorNoise) -> str:
 
 
 def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
-    """Return Kalibr's imu.yaml, with densities as they are: nothing is inflated.
+    """Return Kalibr's imu.yaml with the densities as they are; nothing is inflated.
 
     Raises
     ------
     InputError
-        There is no axis to write, one without white noise, or no sampling rate.
+        There is no axis to write, an axis has no white noise, or there is no sampling rate.
     """
     lines = [f"{_MARK}: Kalibr, continuous-time, of {noise.source}"]
     rate = 0.0
@@ -163,7 +163,7 @@ def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
             f"{name}_random_walk: {walk:.6e}  # {unit}/s/√Hz; {why}",
         ]
     if not rate:
-        raise InputError("the analysis has no axes: nothing to write for Kalibr")
+        raise InputError("the analysis has no axes, so there is nothing to write for Kalibr")
     return "\n".join([*lines, "rostopic: /imu0", f"update_rate: {rate:.6g}", ""])
 
 

@@ -1,4 +1,4 @@
-"""Functions of SciPy that the estimators use, with types; each is imported when it is first used.
+"""Typed wrappers of the SciPy functions that the estimators use, each imported on first use.
 
 SciPy has no stubs, and importing its parts costs up to a second.
 """

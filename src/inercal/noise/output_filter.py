@@ -1,4 +1,4 @@
-"""A sensor's own low-pass filter: its possible shapes, and what each does to noise.
+"""A sensor's own low-pass filter: its possible shapes and their effect on noise.
 
 With w = 2π f Δ the power that passes is::
 
@@ -10,12 +10,12 @@ With w = 2π f Δ the power that passes is::
     average of m samples      (sin(m w/2)/(m sin(w/2)))²
     two averages of 2         the square of it
 
-An analog pole that is sampled folds noise back, and then has exactly the form of a digital one.
-The spectrum behind the filter, with the plateau N², and F² of what the read-out adds, is::
+A sampled analog pole folds noise back and then has exactly the form of a digital one. The spectrum
+behind the filter, with the plateau N² and the noise F² that the read-out adds, is::
 
     S = |H|² (N² e_N + B² e_B + K² e_K) + F² (1 − |H|²) e_N
 
-so that N² is the white noise of the angle; the part N² − F² lies before the filter.
+so N² is the white noise of the angle; the part N² − F² is before the filter.
 """
 
 from collections.abc import Callable
@@ -44,11 +44,11 @@ class FilterShape:
     like : str
         In a sentence: "one pole".
     poles : int
-        0 of an average.
+        0 for an average.
     power : function of (w, c)
         |H|² at w = 2π f Δ, with c = f_c Δ, which an average does not use.
     highest : float
-        f_c Δ, up to which it is sought.
+        Largest f_c Δ of the search.
     """
 
     name: str
@@ -118,19 +118,19 @@ class OutputFilter:
     ----------
     shape : FilterShape
     cutoff : float
-        f_c, Hz; not a number of an average.
+        f_c, Hz; not a number for an average.
     u : float
         Standard uncertainty of f_c, Hz.
     dt : float
         Δ of the samples, s.
     floor : float
-        F², SI², of white noise behind the filter, with what is known of it: rounding.
+        F², SI², of the white noise behind the filter, including the known rounding noise.
     known_floor : float
-        The part of it that the rounding of the readings makes.
+        The part of `floor` that the rounding of the readings causes.
     white_spread : float
-        Standard deviation of N between the shapes that fit alike, relative.
+        Relative standard deviation of N between the shapes that fit equally well.
     gain : float
-        By how much the Bayesian criterion is better than without a filter.
+        Improvement of the Bayesian criterion by the filter.
     """
 
     shape: FilterShape
@@ -172,7 +172,7 @@ def filtered_avar(
 ) -> Array:
     """Return the Allan variance of a term with a coefficient of 1 behind a filter.
 
-    Of what the filter takes off only f ≤ 1/2Δ counts, without the aliases of B and K.
+    The filter's effect is counted only for f ≤ 1/2Δ, without the aliases of B and K.
     """
     whole = TERMS[symbol].avar(tau, dt, markov_time)
     if output is None or symbol == "Q":  # the rounding of increments is made behind the filter

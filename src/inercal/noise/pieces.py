@@ -1,9 +1,9 @@
 """The pieces of a recording between gaps, on one sampling interval.
 
-Single lost samples are closed up where they are few: K changes by 1.5 % at 1 % losses. Larger gaps
-part the recording, and each piece has a likelihood of its own; to bridge them by lines would
-change N by 10 % and K by a third. Stamps that jitter by less than 0.3 Δ count samples; others are
-averaged to blocks of equal time.
+A few single lost samples are skipped, which changes K by 1.5 % at 1 % losses. Larger gaps split the
+recording, and each piece has its own likelihood; bridging them by lines would change N by 10 % and
+K by a third. If stamps jitter by less than 0.3 Δ, samples are counted; otherwise they are averaged
+to blocks of equal time.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Pieces:
     temperatures : tuple of (n_i,) array or None
         Of each piece, K.
     remarks : tuple of str
-        What was closed up, parted or left out.
+        What was skipped, split or left out.
     """
 
     dt: float
@@ -88,7 +88,7 @@ def split_at_gaps(recording: Recording) -> Pieces:
     where = f"{recording.source or 'recording'}: "
     if time.size < FEWEST:
         raise InputError(
-            f"{where}{time.size} samples are too few for a noise analysis: record {FEWEST} or more",
+            f"{where}{time.size} samples are too few for a noise analysis; record {FEWEST} or more",
             file=recording.source or None,
         )
     steps = np.diff(time)
@@ -108,8 +108,8 @@ def split_at_gaps(recording: Recording) -> Pieces:
         share = total / (time.size + total)
         if share <= LOST_SHARE:
             remarks.append(
-                f"closed up: {format_count(total, 'lost sample')} ({100 * share:.2g} %) in "
-                f"{format_count(few.size, 'gap')} of at most {FEW_LOST}"
+                f"{format_count(total, 'lost sample')} ({100 * share:.2g} %) in "
+                f"{format_count(few.size, 'gap')} of at most {FEW_LOST} were skipped"
             )
             gaps = np.setdiff1d(gaps, few)
     bounds = np.concatenate([[0], gaps + 1, [time.size]])
@@ -124,16 +124,16 @@ def _cut(
     if len(spans) > 1:
         lost = float(sum(time[b] - time[b - 1] - dt for _, b in spans[:-1]))
         remarks.append(
-            f"{len(spans) - 1} gaps, {format_duration(lost)} in all, part the recording into "
-            f"{len(kept)} pieces, each with its own likelihood; the Allan deviation has means "
-            "that are at least half full"
+            f"the recording has {format_count(len(spans) - 1, 'gap')} ({format_duration(lost)} in "
+            f"total), so it was split into {len(kept)} pieces, each with its own likelihood; the "
+            "Allan deviation uses means that are at least half full"
         )
     if len(kept) < len(spans):
         left = sum(b - a for a, b in spans) - sum(b - a for a, b in kept)
         remarks.append(f"{left} samples in pieces shorter than {SHORTEST_PIECE} were left out")
     if not kept or max(b - a for a, b in kept) < FEWEST:
         raise InputError(
-            f"{recording.source or 'recording'}: no piece between gaps has {FEWEST} samples: "
+            f"{recording.source or 'recording'}: no piece between gaps has {FEWEST} samples; "
             "record without gaps",
             file=recording.source or None,
         )
@@ -168,8 +168,8 @@ def _equal_blocks(recording: Recording, time: Array, dt: float) -> Pieces:
         source=recording.source,
     )
     remark = (
-        f"the stamps jitter by more than {JITTER:g} of the sampling interval: samples were "
-        f"averaged over blocks of {block:.4g} s"
+        f"the time stamps jitter by more than {JITTER:g} of the sampling interval, so samples "
+        f"were averaged over blocks of {block:.4g} s"
     )
     gaps = np.flatnonzero(np.diff(filled) > 1)
     bounds = np.concatenate([[0], gaps + 1, [filled.size]])

@@ -1,19 +1,19 @@
-"""Whether a recording is of a sensor at rest that can be analysed: its units, motion and rounding.
+"""Checks units, motion and rounding of a recording that should be of a sensor at rest.
 
-Units are judged as a calibration judges them. Three accelerometers read gravity together. Fewer may
-lie across it, and more have directions of their own: they can only read too much.
+Units are checked as in a calibration. Three accelerometers together read gravity. Fewer may be
+perpendicular to it, and more have other directions, so for these only too large readings are found.
 
-Motion is what no rest with a disturbance shows. (a) Accelerometers: gravity turns in the case. The
-median of a window is compared with the median of all windows; a change of 0.17 g, which gravity
-makes when it turns by 10°, is more than any bias drifts and more than a slow tilt of a bench. (b)
-Gyros: the sensor turns by 10° within a window of 5 s, or the median rate changes by as much (2 °/s)
-within two windows. A bias drifts more slowly, so that a temperature ramp passes whatever its size.
-Medians and integrals let knocks and bursts pass: a vibration has a large rate and a small angle,
-unless the samples alias it to a slow swing.
+Motion is a change that no disturbance at rest explains. (a) Accelerometers: gravity turns in the
+case. The median of a window is compared with the median of all windows; a change of 0.17 g, which
+gravity makes when it turns by 10°, is more than any bias drifts and more than a slow tilt of a
+bench. (b) Gyros: the sensor turns by 10° within a window of 5 s, or the median rate changes by as
+much (2 °/s) within two windows. A bias drifts more slowly, so that a temperature ramp passes
+whatever its size. Medians and integrals ignore knocks and bursts, because a vibration has a large
+rate but a small angle, unless the samples alias it to a slow swing.
 
-Where rounding to steps hides the noise, N cannot be read. Below a noise of half a step the scatter
-of the readings depends on where the mean lies between two steps: at 0.4 of a step N is read 1.15 to
-1.31 times too large, at 0.2 it is 0.56 to 2.5 times.
+If rounding to steps hides the noise, N cannot be determined. Below a noise of half a step the
+scatter of the readings depends on where the mean is between two steps: at 0.4 of a step N is read
+1.15 to 1.31 times too large, at 0.2 it is 0.56 to 2.5 times.
 """
 
 from collections.abc import Sequence
@@ -51,14 +51,15 @@ _LAGS = (1, 4, 16, 64)
 
 
 def check_rest_units(recording: Recording, gravity: float | None) -> tuple[str, ...]:
-    """Return remarks on readings at rest that are not those of a sensor in these units.
+    """Return remarks on readings at rest that do not fit a sensor with these units.
 
     Parameters
     ----------
     recording : Recording
         Units of rate or acceleration, (n, m); its samples may be block means.
     gravity : float or None
-        Local gravity, m/s²; None where readings hold no gravity, or the sensor is carried round.
+        Local gravity, m/s²; None if the readings contain no gravity or the sensor is carried
+        around.
 
     Raises
     ------
@@ -82,8 +83,8 @@ def check_rest_units(recording: Recording, gravity: float | None) -> tuple[str, 
             continue
         if finding.severity == "refused":
             raise InputError(
-                f"{recording.source or 'recording'}: {finding.message}; of a log by "
-                "--set sensor.accelerometer.unit=…",
+                f"{recording.source or 'recording'}: {finding.message}; for a log use --set "
+                "sensor.accelerometer.unit=…",
                 file=recording.source or None,
                 key="[sensor.accelerometer] unit",
             )
@@ -103,7 +104,7 @@ def _in_si(recording: Recording, rows: slice, columns: list[int]) -> Array:
 
 
 def movement(recording: Recording) -> str:
-    """Return how a sensor moved in a recording that should be at rest; empty for one at rest.
+    """Return how a sensor moved in a recording that should be at rest; empty if it did not.
 
     Parameters
     ----------
@@ -146,7 +147,7 @@ def _windows(y: Array, step: float) -> _Windows:
 
 
 def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
-    """Return how far the accelerometers' level leaves its median; empty where it stays."""
+    """Return in words how far the accelerometers depart from their median; empty if they do not."""
     if not channels:
         return ""
     medians = np.stack([one.medians for one in channels], axis=1)
@@ -156,14 +157,14 @@ def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
     if away[worst] <= limit:
         return ""
     return (
-        f"the accelerometers read {away[worst] / G0:.2g} g from their median at "
-        f"{starts[worst]:.6g} s, and more than {limit / G0:.2g} g from it in "
+        f"the accelerometers read {away[worst] / G0:.2g} g away from their median at "
+        f"{starts[worst]:.6g} s, and more than {limit / G0:.2g} g away from it during "
         f"{100 * np.count_nonzero(away > limit) / away.size:.0f} % of the time"
     )
 
 
 def _turn(channels: list[_Windows], starts: Array) -> str:
-    """Return how far the gyros turn or change within 5 s; empty where they do neither."""
+    """Return how far the gyros turn or change within 5 s; empty if they do neither."""
     if not channels:
         return ""
     sd = float(np.hypot.reduce([one.sd for one in channels]))
@@ -175,8 +176,8 @@ def _turn(channels: list[_Windows], starts: Array) -> str:
     worst = int(np.argmax(changes))
     if changes[worst] > max(LARGEST_TURN / WINDOW, _DEVIATIONS * sd):
         return (
-            f"the gyros' rate changes by {np.degrees(changes[worst]):.3g} °/s within 10 s at "
-            f"{starts[worst]:.6g} s, which no bias does"
+            f"the rate of the gyros changes by {np.degrees(changes[worst]):.3g} °/s within 10 "
+            f"s at {starts[worst]:.6g} s, which is too fast for a bias"
         )
     turns = np.linalg.norm([one.angles for one in channels], axis=0)
     worst = int(np.argmax(turns))
@@ -186,7 +187,7 @@ def _turn(channels: list[_Windows], starts: Array) -> str:
 
 
 def rounding_step(y: Array) -> float:
-    """Return the step to which readings are rounded, in their unit; 0 where none is seen."""
+    """Return the step to which readings are rounded, in their unit; 0 if none is seen."""
     values = np.unique(y[:_LOOKED_AT])
     if values.size < 2 or values.size > 0.5 * min(y.size, _LOOKED_AT):
         return 0.0
@@ -203,7 +204,8 @@ def rounding_step(y: Array) -> float:
 def noise_over_step(y: Array, step: float) -> float:
     """Return the sd of the noise over the step, without that of the rounding, step²/12.
 
-    From the differences at several lags: those of neighbours are small behind a low-pass filter.
+    It uses differences at several lags, because those of neighbours are small behind a low-pass
+    filter.
     """
     lags = [lag for lag in _LAGS if 2 * lag <= y.size]
     variance = max(float(np.mean((y[lag:] - y[:-lag]) ** 2)) for lag in lags) / 2
@@ -221,19 +223,21 @@ def check_rounding(parts: Sequence[Array], channel: str, source: str) -> tuple[s
     where = f"{source or 'recording'}: channel {channel}"
     longest = max(parts, key=len)
     if not np.ptp(longest) > 0:
-        raise InputError(f"{where} does not change: it has no noise to analyse", names=(channel,))
+        raise InputError(
+            f"{where} does not change, so it has no noise to analyse", names=(channel,)
+        )
     step = rounding_step(longest)
     if not step:
         return ()
     ratio = noise_over_step(longest, step)
     if ratio < REFUSED:
         raise InputError(
-            f"{where} is rounded to steps of which its noise is only {ratio:.2g}: below "
+            f"{where} is rounded to steps, and its noise is only {ratio:.2g} of a step. Below "
             f"{REFUSED:g} rounding hides the noise; record with a finer resolution or a narrower "
             "range",
             file=source or None,
             names=(channel,),
         )
     if ratio < WARNED:
-        return (f"noise of {ratio:.2g} rounding steps: N may be 1.2 times too large",)
+        return (f"the noise is only {ratio:.2g} rounding steps, so N may be 1.2 times too large",)
     return ()

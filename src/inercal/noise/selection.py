@@ -2,9 +2,9 @@
 
 Candidates are N, NB, NK, NBK, NG, NGK, NBG, and each of them with quantisation where the best of
 these is significantly better. A Gauss–Markov process counts three parameters, σ, T and the search
-over T: counted as two, it was added to 8 to 15 % of simulated recordings without it. One whose T
-lies at an end of those that are tried is no candidate: to the recording it is white noise or a
-random walk. Nor is one kept that is not significant.
+over T; counted as two, it was added to 8 to 15 % of simulated recordings without it. One whose T is
+at an end of the values tried is not a candidate, because in the recording it looks like white noise
+or a random walk. One that is not significant is not kept either.
 
 A variance lies on the boundary of its range when the term is absent, so that the likelihood ratio
 2 ΔL of one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is present if the loss of
@@ -39,10 +39,10 @@ class Significance:
     ratio : float
         2 ΔL to the best candidate without the term.
     limit : float
-        That it must exceed.
+        Limit that the ratio must exceed.
     is_replaced : bool
-        Whether a Gauss–Markov process in place of the term fits better, which costs two parameters
-        more.
+        Whether a Gauss–Markov process fits better in its place, although it costs two more
+        parameters.
     """
 
     ratio: float
@@ -51,12 +51,12 @@ class Significance:
 
     @property
     def is_present(self) -> bool:
-        """Whether the noise that the term describes is there."""
+        """Whether the noise that the term describes is present."""
         return self.ratio > self.limit
 
     @property
     def is_significant(self) -> bool:
-        """Whether it is there, and no Gauss–Markov process describes it better."""
+        """Whether it is present and no Gauss–Markov process describes it better."""
         return self.is_present and not self.is_replaced
 
 
@@ -70,9 +70,9 @@ class Selection:
     rivals : tuple of NoiseFit
         The other candidates, the best first.
     significance : dict of str to Significance
-        Of each term of the model but N.
+        Significance of each term of the model except N.
     is_asked : bool
-        Whether the terms were asked for, not chosen.
+        Whether the user requested the terms.
     """
 
     fit: NoiseFit
@@ -117,7 +117,7 @@ def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selectio
 
 
 def is_time_limit(bins: Bins, fit: NoiseFit) -> bool:
-    """Return whether T lies at an end of those that are tried: white noise, or a random walk."""
+    """Tell whether T is at an end of the values tried (white noise or random walk)."""
     if "G" not in fit.symbols:
         return False
     shortest, longest = bins.times[[0, -1]]

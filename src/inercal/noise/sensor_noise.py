@@ -1,4 +1,4 @@
-"""The noise of a sensor as other programs take it: one value of N, B and K for the axes of a kind.
+"""The noise of a sensor as other programs use it: one N, B and K for all axes of a kind.
 
 It comes from an analysis (`sensor_noise`) or from a data sheet (`inercal.noise.data_sheet`).
 """
@@ -25,17 +25,17 @@ class TriadNoise:
     ----------
     quantity : "gyro" or "accelerometer"
     axes : tuple of mapping of symbol to value
-        Coefficients of each axis, or their upper limits; 0 or absent where neither is known.
+        Coefficients of each axis, or their upper limits; 0 or absent if neither is known.
     values : dict of symbol to (value, u)
-        N, B and K: root mean squares over the axes, without B where no axis has it. An axis of
-        which only the upper limit is known has that. A Gauss–Markov process counts as a bias
-        instability of equal peak. u is None where none is stated.
+        N, B and K as root mean squares over the axes, without B if no axis has it. An axis with
+        only an upper limit uses that limit. A Gauss–Markov process is stated as the bias
+        instability with the same peak. u is None if none is stated.
     limits : tuple of str
         Symbols of `values` of which all axes have only an upper limit.
     notes : tuple of str
         Origin of a value that is not a coefficient of an axis.
     rate_hz : float
-        0 where it is not known.
+        0 if it is not known.
     origins : mapping of symbol to str
         What a data sheet states, for comments.
     """
@@ -58,7 +58,7 @@ class SensorNoise:
     source : str
         The recording's file or the data sheet, for the files that are written.
     duration : float
-        s, of the recording; 0 of a data sheet.
+        Duration of the recording, s; 0 for a data sheet.
     triads : dict of quantity to TriadNoise
     is_data_sheet : bool
     """
@@ -87,18 +87,18 @@ def sensor_noise(analysis: NoiseAnalysis) -> SensorNoise:
 
 
 def require_stated(analysis: NoiseAnalysis) -> None:
-    """Refuse an analysis of which a channel has no coefficients.
+    """Refuse an analysis if one of its channels has no coefficients.
 
     Raises
     ------
     InputError
-        It names the channel, what is not stated, and why.
+        A channel has none; the message names it, the coefficients, and the reason.
     """
     for one in analysis.channels:
         if one.refusal is not None:
             raise InputError(
-                f"{analysis.source or 'recording'}: {one.channel}: {one.refusal.text}; nothing is "
-                "written of this recording",
+                f"{analysis.source or 'recording'}: {one.channel}: {one.refusal.text}; nothing "
+                "is written for this recording",
                 file=analysis.source or None,
                 names=(one.channel,),
             )
@@ -110,11 +110,11 @@ def require_rate(noise: TriadNoise) -> float:
     Raises
     ------
     InputError
-        A data sheet that states none.
+        The data sheet states none.
     """
     if not noise.rate_hz:
         raise InputError(
-            'the data sheet has no sampling rate, which --to needs: add rate = "200 Hz" to '
+            'the data sheet has no sampling rate, but --to needs it; add rate = "200 Hz" to '
             "[datasheet]",
             key="[datasheet] rate",
         )
@@ -122,9 +122,9 @@ def require_rate(noise: TriadNoise) -> float:
 
 
 def axis_coefficient(channel: ChannelNoise, symbol: str) -> tuple[float, float]:
-    """Return N, B or K of a channel and its u, SI; 0 and 0 where it was not found.
+    """Return N, B or K of a channel and its u, SI; 0 and 0 if it was not found.
 
-    A Gauss–Markov process counts as a bias instability of equal peak, B = 0.617 σ/0.664.
+    A Gauss–Markov process is stated as the bias instability with the same peak, B = 0.617 σ/0.664.
     """
     found = channel.coefficient(symbol)
     if symbol == "B" and (markov := channel.coefficient("G")) is not None and markov.value:
@@ -164,8 +164,8 @@ def _triad(axes: Sequence[ChannelNoise], quantity: SensorKind) -> TriadNoise:
         sums = sum((value * u) ** 2 for value, u in pairs if u)
         values[symbol] = mean, float(np.sqrt(sums)) / (len(pairs) * mean)
     notes = [
-        f"{one.channel}: Gauss–Markov process with a time constant of "
-        f"{one.value('T'):.3g} s, stated as the bias instability of equal peak"
+        f"{one.channel}: a Gauss–Markov process with a time constant of {one.value('T'):.3g} s "
+        "is stated as the bias instability with the same peak"
         for one in axes
         if one.value("G")
     ]

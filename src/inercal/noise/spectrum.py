@@ -1,8 +1,8 @@
 """Squared DCT-II coefficients of a recording in bins, whatever its length and gaps.
 
-A series of up to 2¹⁷ block means has one transform. Of a longer one, block means give the low
-frequencies and segments of as many samples at most, whose squares are averaged, those above.
-Pieces between gaps are transformed one by one, and their likelihoods add: nothing bridges a gap.
+A series of up to 2¹⁷ block means has one transform. For a longer series, block means give the low
+frequencies, and segments of at most as many samples, whose squares are averaged, give the higher
+ones. Pieces between gaps are transformed one by one and their likelihoods added; no gap is bridged.
 
 With the orthonormal DCT-II c_k, k = 1 … n−1, of block means whose variogram is γ, exactly::
 
@@ -130,7 +130,7 @@ def binned_basis(
 
 @dataclass(frozen=True, eq=False)
 class FilterEffect:
-    """What a filter of the sensor does to the bins.
+    """The effect of a filter of the sensor on the bins.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class Bins:
     dt : float
         Δ of the samples, s.
     used : array of bool
-        Of all bins of the spectra, those with a coefficient that is kept.
+        Which of all bins of the spectra have a coefficient that is kept.
     fine : bool
         Whether the bins are those for a filter.
     effect : FilterEffect or None
@@ -219,7 +219,7 @@ class Bins:
         return replace(self.take(self.frequency < frequency), limit=frequency)
 
     def strong_bins(self) -> "Bins":
-        """Return the bins that no leakage of the strongest frequencies covers.
+        """Return the bins that the leakage of the strongest frequencies does not cover.
 
         The spectrum of a series whose last value differs from its first leaks into other bins, by
         about 10⁻⁶ of the power. Far above the cut-off of a filter this is visible.
@@ -235,9 +235,9 @@ class Bins:
 
     @cached_property
     def times(self) -> Array:
-        """T that are tried for a Gauss–Markov process, s: of 10 samples to a tenth of the longest.
+        """Times T tried for a Gauss–Markov process, s, from 10 samples to a tenth of the longest.
 
-        A shorter T is white noise to the recording, and a longer one a random walk.
+        In the recording a shorter T looks like white noise, and a longer one like a random walk.
         """
         longest = max(one.n * one.dt for one in self.spectra)
         return np.geomspace(10 * self.dt, max(longest / 10, 20 * self.dt), _TIMES)
@@ -320,7 +320,7 @@ def whole_spectrum(y: Array, dt: float) -> Spectrum:
 
 
 def block_means(y: Array, m: int) -> Array:
-    """Return the means of m values each, without those that are left over."""
+    """Return the means of m values each, without the remaining values."""
     count = y.size // m
     return y[: count * m].reshape(count, m).mean(axis=1)
 

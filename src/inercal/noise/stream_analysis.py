@@ -1,7 +1,8 @@
 """The noise of a recording that comes in blocks, in bounded memory, with its gaps.
 
-Each piece between gaps has a `StreamedChannel` for each channel; the likelihoods of the pieces add,
-as of a recording that is in the memory. Block means of the temperature serve a drift in one piece.
+Each piece between gaps has a `StreamedChannel` for each channel, and the likelihoods of the pieces
+are added, as for a recording in memory. Block means of the temperature are kept for a drift in one
+piece.
 """
 
 from collections.abc import Iterable, Sequence
@@ -47,7 +48,7 @@ def analyse_noise_stream(
     Parameters
     ----------
     pieces : iterable of (k, m) array
-        One after the other; k may differ.
+        The pieces in order; k may differ.
     dt : float
         Δ, s.
     channels, units : sequence of m str
@@ -84,7 +85,7 @@ class NoiseStream:
     Raises
     ------
     InputError
-        A unit that is neither of rate nor of acceleration.
+        A unit is neither of rate nor of acceleration.
     """
 
     def __init__(self, dt: float, channels: Sequence[str], units: Sequence[str], source: str = ""):
@@ -114,7 +115,7 @@ class NoiseStream:
         Raises
         ------
         InputError
-            More pieces than the memory may hold.
+            There are more pieces than fit into the memory.
         """
         if self._pieces and self._pieces[-1][0].count < FEWEST:
             self._left_out += self._pieces.pop()[0].count
@@ -122,8 +123,8 @@ class NoiseStream:
             self._starts.pop()
         if (len(self._pieces) + 1) * len(self._channels) > _MOST_STREAMS:
             raise InputError(
-                f"{self.source or 'recording'}: too many gaps for an analysis in blocks, by "
-                f"{start:.6g} s: analyse the parts between long gaps one by one",
+                f"{self.source or 'recording'}: there are too many gaps for an analysis in "
+                f"blocks, by {start:.6g} s; analyse the parts between long gaps one by one",
                 file=self.source or None,
             )
         self._starts.append(start)
@@ -169,7 +170,7 @@ class NoiseStream:
         Raises
         ------
         InputError
-            Fewer than 64 samples, accelerometers that do not read gravity, or readings that are
+            There are fewer than 64 samples, accelerometers do not read gravity, or readings are
             rounded too coarsely.
         """
         if self._pieces[-1][0].count < FEWEST:
@@ -177,7 +178,7 @@ class NoiseStream:
             self._temperatures.pop()
         if not self._pieces:
             raise InputError(
-                f"{self.source or 'recording'}: fewer than {FEWEST} samples without a gap",
+                f"{self.source or 'recording'} has fewer than {FEWEST} samples without a gap",
                 file=self.source or None,
             )
         for channels in self._pieces:
@@ -199,8 +200,8 @@ class NoiseStream:
         remarks = list(self.remarks)
         if len(self._pieces) > 1:
             remarks.append(
-                f"gaps part the recording into {len(self._pieces)} pieces, each with its own "
-                "likelihood; averaging times end with the longest piece"
+                f"gaps split the recording into {len(self._pieces)} pieces, each with its own "
+                "likelihood; averaging times go up to the longest piece"
             )
         if self._left_out:
             remarks.append(

@@ -1,12 +1,12 @@
-"""A channel that comes in pieces: what the analysis needs of it, in bounded memory.
+"""Keeps what the analysis needs of a channel that comes in pieces, in bounded memory.
 
 Kept are the sums of squared differences of averaging factors to 1024, every 64th cumulative sum,
 one segment of 2¹⁷ samples with the averaged spectrum of those before, and the squared differences
 of neighbours by half a window of 10 s. Longer averaging times, block means for the low frequencies,
 and changes of the mean come from the kept cumulative sums. 10⁸ samples keep about 30 MB.
 
-Of a series beside the samples, such as the temperature, the same is kept for its block means
-(`StreamedMeans`): they lie on the grid of those of the channel for the low frequencies.
+For another series beside the samples, such as the temperature, `StreamedMeans` keeps block means on
+the same grid as those of the channel for the low frequencies.
 """
 
 import numpy as np
@@ -69,7 +69,7 @@ class StreamedMeans:
         self.count += y.size
 
     def means(self) -> Array:
-        """Return the values, or of more than 2¹⁷ the means of as many blocks at most."""
+        """Return the values, or the means of at most 2¹⁷ blocks if there are more values."""
         if self.count <= LONGEST:
             return np.concatenate([np.zeros(0), *self._first])
         means = self._origin + np.diff(np.concatenate(self._kept)) / KEPT_EVERY
@@ -121,12 +121,12 @@ class StreamedChannel:
         Raises
         ------
         InputError
-            They are rounded too coarsely.
+            The readings are rounded too coarsely.
         """
         return check_rounding([self._samples()], channel, source)
 
     def rounding_step(self) -> float:
-        """Return the step to which the readings are rounded; 0 where none is seen."""
+        """Return the step to which the readings are rounded; 0 if none is seen."""
         return rounding_step(self._samples())
 
     def _samples(self) -> Array:

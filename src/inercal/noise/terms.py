@@ -9,8 +9,8 @@ The series is y, block means over Δ of a rate or an acceleration. For a coeffic
     K random walk     1/(2π f)²              τ/3                ½ Δ (h − ⅓)
     G Gauss–Markov    2T/(1 + (2π f T)²)     (2T/τ)[1 − (T/2τ)(3 − 4e^(−τ/T) + e^(−2τ/T))]
 
-with the second difference δ²g(h) = g(h+1) − 2 g(h) + g(h−1). K is that of block means: a random
-walk that is sampled has 1.5 times K²τ/3 at τ = Δ. Sources: IEEE Std 952, annex B; IEEE Std 1293.
+with the second difference δ²g(h) = g(h+1) − 2 g(h) + g(h−1). K is defined for block means; a
+sampled random walk has 1.5 times K²τ/3 at τ = Δ. Sources: IEEE Std 952, annex B; IEEE Std 1293.
 """
 
 from collections.abc import Callable
@@ -43,7 +43,7 @@ class NoiseTerm:
     variogram : function of (h, Δ, T)
         At lags h = 1, 2, … of blocks of Δ.
     units : dict of str to str
-        In which the coefficient is printed, by the word for the sensor.
+        Units in which the coefficient is printed, by the word for the sensor.
     """
 
     symbol: str

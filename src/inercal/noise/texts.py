@@ -50,11 +50,11 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
 
 
 def channel_remarks(channel: ChannelNoise) -> list[str]:
-    """Return the verdict on a channel, then its remarks, drift and disturbances, a line each."""
+    """Return the verdict on a channel, then its remarks, drift and disturbances, one per line."""
     found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
     found += filter_remarks(channel)
     if (band := channel.goodness.worst_band) is not None:
-        found.append("--skip-band {:.3g}-{:.3g} leaves this band out of the fit".format(*band))
+        found.append("--skip-band {:.3g}-{:.3g} would leave this band out of the fit".format(*band))
     found += channel.remarks
     shown = SHOWN_UNIT[channel.quantity]
     for one in channel.drift:
@@ -63,25 +63,25 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
         found.append(f"drift, {one.name}: {size} (k = 2), in the fit")
     for line in channel.lines:
         found.append(
-            f"line at {format_quantity(line.frequency, 0.0, 'Hz', 4)}, amplitude "
-            f"{format_quantity(line.amplitude, 0.0, shown, 3)}: taken out of the fit"
+            f"line at {format_quantity(line.frequency, 0.0, 'Hz', 4)} with amplitude "
+            f"{format_quantity(line.amplitude, 0.0, shown, 3)}, removed before the fit"
         )
     found += [disturbance_text(one, channel.quantity) for one in channel.disturbances]
     if lengths := recording_lengths(channel):
-        found.append("length of a recording for " + ", ".join(lengths))
+        found.append("recording time needed for " + ", ".join(lengths))
     return found
 
 
 def movement_text(movement: str, source: str) -> str:
-    """Return that a sensor moved, how, and what to do."""
+    """Return a sentence that says that a sensor moved, how, and what to do."""
     return (
-        f"{source or 'recording'}: this sensor was not at rest: {movement}. Noise is that of a "
-        "sensor at rest: give a recording at rest, or the part of it at rest"
+        f"{source or 'recording'}: the sensor was not at rest: {movement}. A noise analysis "
+        "needs a sensor at rest; give a recording at rest, or the part of this one at rest"
     )
 
 
 def recording_lengths(channel: ChannelNoise) -> list[str]:
-    """Return how long a recording must be for the wanted relative u of each coefficient."""
+    """Return the recording time needed for the wanted relative u of each coefficient."""
     found: list[str] = []
     for symbol, relative in _WANTED.items():
         if channel.value(symbol):
@@ -108,24 +108,24 @@ def disturbance_text(one: Disturbance, quantity: SensorKind) -> str:
 
 
 def filter_remarks(channel: ChannelNoise) -> list[str]:
-    """Return what is known of the sensor's own low-pass filter, or why N, B, K are not stated."""
+    """Return what is known about the sensor's own filter, or why N, B, K are not stated."""
     if channel.refusal is not None:
         return [channel.refusal.text]
     if channel.band < inf:
         return [
-            f"no filter that is known describes the upper frequencies: N, B and K are those of the "
-            f"band used, below {channel.band:.3g} Hz"
+            "no known filter describes the upper frequencies, so N, B and K come from the band "
+            f"below {channel.band:.3g} Hz"
         ]
     if channel.output is None:
         return []
     return [
-        f"the sensor's own low-pass filter ({filter_words(channel.output)}) lies below half the "
-        "rate: N is its plateau, that of the samples"
+        f"the cut-off of the sensor's own low-pass filter ({filter_words(channel.output)}) is "
+        "below half the sampling rate, so N is the plateau below the cut-off"
     ]
 
 
 def filter_rows(channel: ChannelNoise) -> list[tuple[str, ...]]:
-    """Return the row of a channel in a table with `FILTER_HEADS`; none without a filter."""
+    """Return the row of a channel in a table with `FILTER_HEADS`; empty without a filter."""
     output = channel.output
     if output is None:
         return []
@@ -141,7 +141,10 @@ def filter_rows(channel: ChannelNoise) -> list[tuple[str, ...]]:
 def filter_notes(channel: ChannelNoise) -> list[str]:
     """Return a short note on a filter, or on the band that was used, for a file."""
     if channel.band < inf:
-        return [f"from below {channel.band:.3g} Hz: an unknown filter bends the spectrum above"]
+        return [
+            f"from frequencies below {channel.band:.3g} Hz, because an unknown filter changes "
+            "the spectrum above"
+        ]
     if channel.output is None:
         return []
     return [f"behind the sensor's own low-pass filter: {filter_words(channel.output)}"]
@@ -154,7 +157,7 @@ def filter_words(output: OutputFilter) -> str:
     value, spread = format_value_and_uncertainty(output.cutoff, COVERAGE * output.u)
     if output.at_half_rate < _HALF_POWER:
         return f"{output.shape.like}, {value} ± {spread} Hz"
-    half = f"the power at half the rate is {output.at_half_rate:.2g}"
+    half = f"the power at half the sampling rate is {output.at_half_rate:.2g}"
     if output.cutoff * output.dt > _HALF_RATE:
-        return f"{output.shape.like} above half the rate; {half}"
+        return f"{output.shape.like} above half the sampling rate; {half}"
     return f"{output.shape.like} at {value} ± {spread} Hz; {half}"

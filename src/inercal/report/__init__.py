@@ -1,4 +1,4 @@
-"""Reports, histories, budgets and worksheets: each one HTML page that needs nothing but itself.
+"""Reports, histories, budgets and worksheets, each a single self-contained HTML page.
 
 Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
 """
@@ -37,16 +37,16 @@ def write_report(
     *,
     for_customer: bool = False,
 ) -> Path:
-    """Write the report; the file appears whole or not at all. Return its path.
+    """Write the report completely or not at all. Return its path.
 
     Parameters
     ----------
     outcome : Outcome
     path : path
     truth : mapping of str to float, optional
-        Of a simulation: coefficients in SI by full name; those missing are zero.
+        True coefficients of a simulation, in SI by full name; missing ones are zero.
     history : SensorHistory, optional
-        Of the sensor's calibrations, which becomes a section.
+        Calibrations of the sensor, which become a section.
     for_customer : bool
         Whether keys of the run file and what to do next are left out.
 
@@ -67,12 +67,12 @@ def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
     ----------
     outcome : Outcome
     axes : matplotlib.axes.Axes, optional
-        New ones where there are none; `axes.figure.savefig` writes SVG or PDF.
+        New ones by default; `axes.figure.savefig` writes SVG or PDF.
 
     Raises
     ------
     InputError
-        matplotlib is missing, or the method keeps only a whole recording's residuals.
+        matplotlib is missing, or the method has only residuals of the whole recording.
     """
     with _extras():
         from inercal.report.figures import residual_axes
@@ -80,13 +80,13 @@ def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
 
 
 def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
-    """Draw the attitudes that were measured, as directions in the case; return the axes.
+    """Draw the measured attitudes as directions in the case, and return the axes.
 
     Parameters
     ----------
     outcome : Outcome
     axes : matplotlib.axes.Axes, optional
-        New ones where there are none.
+        New ones by default.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
 
 
 def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: str | Path) -> Path:
-    """Write the page of a recording that was refused, whole or not at all. Return its path.
+    """Write the page of a recording that was refused, completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -125,16 +125,16 @@ def write_history(
     next_one: "Recalibration | None" = None,
     noise: Sequence["NoiseEntry"] = (),
 ) -> Path:
-    """Write the page of a sensor's history; it appears whole or not at all. Return its path.
+    """Write the page of a sensor's history completely or not at all. Return its path.
 
     Parameters
     ----------
     history : SensorHistory
     path : path
     next_one : Recalibration, optional
-        By the limits that a user states; else by those of the newest calibration.
+        When to calibrate next, by the user's limits; by default by those of the newest calibration.
     noise : sequence of NoiseEntry
-        Of the sensor; its page shows them too.
+        Noise analyses of the sensor, which the page shows too.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def history_page(
 def write_control(
     charts: "ControlCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry] | None" = None
 ) -> Path:
-    """Write the page of a check standard's charts, whole or not at all. Return its path.
+    """Write the page of a check standard's charts, completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def write_control(
 def write_bench_control(
     charts: "BenchCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry]" = ()
 ) -> Path:
-    """Write the page of a bench's charts, whole or not at all. Return its path.
+    """Write the page of a bench's charts, completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def write_bench_control(
 
 
 def write_draft(draft: Draft, path: str | Path) -> Path:
-    """Write the page of a drafted run file, whole or not at all. Return its path.
+    """Write the page of a drafted run file, completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -242,16 +242,16 @@ def write_noise(
     path: str | Path,
     sheet: "DataSheetNoise | None" = None,
 ) -> Path:
-    """Write the page of a noise analysis; it appears whole or not at all. Return its path.
+    """Write the page of a noise analysis completely or not at all. Return its path.
 
     Parameters
     ----------
     analysis : NoiseAnalysis
     recording : Recording
-        That was analysed, in SI.
+        The analysed recording, in SI.
     path : path
     sheet : DataSheetNoise, optional
-        A data sheet beside which the page shows the coefficients.
+        A data sheet to show beside the coefficients.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def write_noise(
 
 
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
-    """Write the page of an error budget; it appears whole or not at all. Return its path.
+    """Write the page of an error budget completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
 
 
 def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
-    """Write the page of a worksheet; it appears whole or not at all. Return its path.
+    """Write the page of a worksheet completely or not at all. Return its path.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def _extras() -> AbstractContextManager[None]:
 
 
 def require_report_packages() -> None:
-    """Refuse work whose report could not be written at its end.
+    """Refuse to start work whose report could not be written.
 
     Raises
     ------

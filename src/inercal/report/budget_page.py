@@ -1,4 +1,4 @@
-"""The page of an error budget: its tables, and the contributions drawn as bars."""
+"""The page of an error budget, with its tables and the contributions as bars."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -65,9 +65,9 @@ def _coefficient_budget(budget: Budget, k: int, name: str) -> dict[str, Any]:
 
 @drawing.style
 def contribution_bars(panels: Sequence[tuple[str, Sequence[BudgetRow]]]) -> Markup:
-    """Return one panel a coefficient: its title, and bars in the order of its rows.
+    """Return a figure with one panel for each coefficient, and bars in the order of its rows.
 
-    Bars are by Monte Carlo; a dot is the contribution to first order.
+    Bars are Monte Carlo results; dots are contributions to first order.
     """
     drawn = [(title, [row for row in rows if _is_visible(row)]) for title, rows in panels]
     lines = [drawn[k : k + _COLUMNS] for k in range(0, len(drawn), _COLUMNS)]

@@ -1,4 +1,4 @@
-"""The page of a report: what each of its sections says, and the template that holds them."""
+"""The page of a report: computes what each section shows and fills in the template."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -70,9 +70,9 @@ def calibration_page(
     ----------
     outcome : Outcome
     truth : mapping of str to float or None
-        Of a simulation, SI.
+        True coefficients of a simulation, SI.
     register : SensorHistory, optional
-        Of the sensor's calibrations.
+        Calibrations of the sensor.
     for_customer : bool
         Whether keys of the run file and what to do next are left out.
     """
@@ -147,7 +147,7 @@ def calibration_page(
 
 
 def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | None:
-    """Return what is said of the limits, and a row of each; None without limits."""
+    """Return a sentence about the limits and a row for each; None without limits."""
     calibration = outcome.calibration
     if calibration.conformity is None:
         return None
@@ -157,7 +157,7 @@ def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | N
 
 
 def _residual_figure(outcome: Outcome) -> Markup | None:
-    """Return the figure of residuals; None where there are none."""
+    """Return the figure of residuals; None if there are none."""
     if uses_whole_recording(outcome):
         return step_residual_figure(residuals_by_step(outcome))
     estimate = outcome.estimate
@@ -191,14 +191,14 @@ def _filter_figures(
 
 
 def has_norm_residuals(outcome: Outcome) -> bool:
-    """Whether the residuals are of the norms of readings, one a row."""
+    """Whether the residuals are those of the norms of the readings, one in each row."""
     rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
     named = all(name.startswith("|f|") for name in outcome.estimate.observations)
     return axes > 1 and (named or outcome.estimate.whitened.size == rows)
 
 
 def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return the key facts, name and text of one or two lines."""
+    """Return the key facts, each a name and a text of one or two lines."""
     provenance, recording = outcome.calibration.provenance, outcome.recording
     turns = sum(isinstance(step, Turn | Rotation) for step in outcome.steps)
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
@@ -207,7 +207,7 @@ def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
     source = provenance.get("recording", "") + (f"\nSHA-256 {digest[:12]}…" if digest else "")
     result = [("Recording", source)]
     if recording is None:
-        result.append(("Data", "means, read in as a table"))
+        result.append(("Data", "means, read from a table"))
     else:
         rate = f"{recording.rate_hz:.4g} Hz"
         size = f"{recording.time.size} samples\n{format_duration(recording.duration)} at {rate}"
@@ -230,9 +230,10 @@ def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
 def attitude_rows(
     outcome: Outcome, found: Sequence[MeasuredDirection]
 ) -> list[tuple[str, str, str, str, str]]:
-    """Return label, description, angle of deviation, seconds and samples of positions and turns.
+    """Return label, description, deviation angle, seconds and samples of positions and turns.
 
-    The axis of a turn has no angle here: the gyros' misalignments were estimated from it.
+    The axis of a turn has no deviation angle, because it was used to estimate the gyros'
+    misalignments.
     """
     observed = outcome.observations
     off = {attitude.step.label: attitude.deviation_angle for attitude in found}
@@ -263,7 +264,7 @@ _BEST_ORDERS = 5
 
 @dataclass(frozen=True)
 class TemperatureSection:
-    """What the page shows of temperatures."""
+    """What the page shows about temperatures."""
 
     figure: Markup
     celsius: tuple[str, ...]
@@ -274,7 +275,7 @@ class TemperatureSection:
 
 
 def temperature_section(outcome: Outcome) -> TemperatureSection | None:
-    """Return the section; None where no coefficient depends on a temperature that varied."""
+    """Return the section; None if no coefficient depends on a temperature that varied."""
     calibration, found = outcome.calibration, outcome.temperature_fit
     limits = None if calibration.validity is None else calibration.validity.temperature
     if limits is None or not calibration.sensor.uses("dT") or limits[1] - limits[0] < 1.0:

@@ -1,4 +1,4 @@
-"""The pages of control charts: of a check standard, and of a bench by its own runs."""
+"""The pages of control charts, for a check standard and for a bench from its own runs."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -29,8 +29,8 @@ from inercal.report.templates import render
 _HEIGHT, _LABEL_ROOM, _COLUMNS = 1.3, 0.4, 2
 _FORMATS = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%S"]
 _LASTING_WORDS: dict[LastingKind, tuple[str, str]] = {
-    "EWMA": ("EWMA", "its moving mean, the EWMA, in its own"),
-    "CUSUM": ("CUSUM", "the larger of its sums, the CUSUM"),
+    "EWMA": ("EWMA", "their moving mean (EWMA), in its own standard deviations"),
+    "CUSUM": ("CUSUM", "the larger of their cumulative sums (CUSUM)"),
 }
 
 

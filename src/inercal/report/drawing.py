@@ -1,4 +1,4 @@
-"""Figures as SVG whose colours are the page's: `var(--ink)` and the like, light or dark.
+"""Draws figures as SVG in the colours of the page, such as `var(--ink)`, light or dark.
 
 matplotlib knows no CSS variables, so figures are drawn in the stand-in colours below, which no
 figure uses otherwise, and the SVG's text is changed afterwards.
@@ -78,9 +78,9 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     ----------
     figure : Figure
     name : str
-        Its ids begin with this; another figure of the page has another name.
+        Prefix of its ids; each figure of a page needs a different one.
     description : str
-        What it shows, for those who cannot see it.
+        Text that describes the figure for readers who cannot see it.
     """
     text = StringIO()
     unnamed = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -117,17 +117,17 @@ def panels(
 ) -> tuple[Figure, list[list[Axes]]]:
     """Return a figure and its rows of axes.
 
-    All sizes are stated: matplotlib's own layouts draw everything twice more to measure it.
+    All sizes are explicit, because matplotlib's layouts draw everything twice more to measure it.
 
     Parameters
     ----------
     height : float
-        Of each axes, inches.
+        Height of each axes, inches.
     below : sequence of float
         Room under each row, inches.
     columns : int
     half : bool
-        Half as wide, for `halves`.
+        Whether the figure has half the width, for `halves`.
     """
     width = _WIDTH / 2 if half else _WIDTH
     total = sum(below) + len(below) * (_ABOVE + height)
@@ -145,13 +145,13 @@ def panels(
 
 
 def halves(figures: Sequence[Markup]) -> Markup:
-    """Return figures of half the width beside one another, and below one another on a phone."""
+    """Return two figures of half the width side by side, or below each other on a phone."""
     each = Markup("").join(Markup("<div>{}</div>").format(one) for one in figures)
     return Markup('<div class="halves">{}</div>').format(each)
 
 
 def label_room(labels: Sequence[str]) -> float:
-    """Return the room that these names of positions, or none, need under their axes, inches."""
+    """Return the room that these names of positions need under their axes, inches."""
     if not labels:
         return 0.05
     return (
@@ -169,17 +169,17 @@ def _needs_upright_labels(labels: Sequence[str]) -> bool:
 def name_positions(
     axes: Axes, labels: Sequence[str], *, named: bool = True, worst: Sequence[int] = ()
 ) -> None:
-    """Put one name under each whole number of the x axis, and a faint line between any two.
+    """Put a name under each whole number of the x axis, and a faint line between neighbours.
 
     Parameters
     ----------
     axes : Axes
     labels : sequence of str
-        Of more than can be read some are left out.
+        If there are too many to be readable, some are left out.
     named : bool
         Whether names are written at all.
     worst : sequence of int
-        Those that are named before others, the most important first.
+        Indices of the names to prefer, the most important first.
     """
     axes.set_xticks([])
     axes.set_xlim(-0.6, len(labels) - 0.4)
@@ -201,7 +201,7 @@ def name_positions(
 
 
 def grid(height: float, below: float, count: int, columns: int) -> tuple[Figure, list[Axes]]:
-    """Return a figure and so many axes, row by row; the places that are left are empty."""
+    """Return a figure and this many axes, row by row; the remaining places stay empty."""
     figure, rows = panels(height, [below] * -(-count // columns), columns)
     places = [axes for row in rows for axes in row]
     for axes in places[count:]:
@@ -217,7 +217,7 @@ def days(time: str) -> float:
 def date_ticks() -> AutoDateLocator:
     """Return the places of at most six dates along an axis.
 
-    Two at least: from three on, matplotlib has no interval for ten weeks, nor for 31 months.
+    The minimum is two, because with three matplotlib finds no interval for ten weeks or 31 months.
     """
     return AutoDateLocator(minticks=2, maxticks=6)
 
@@ -231,7 +231,8 @@ def name_dates(
     ----------
     axes : Axes
     formats, zero_formats : sequence of str, optional
-        Of ticks a year, a month, … apart, and of those at the begin of a longer such time.
+        Formats of ticks a year, a month, … apart, and of those at the start of the next longer
+        unit.
     """
     locator = date_ticks()
     axes.xaxis.set_major_locator(locator)
@@ -241,13 +242,13 @@ def name_dates(
 
 
 def add_legend(axes: Axes) -> None:
-    """Put the legend in one line into the room above the axes, at its right end."""
+    """Put the legend in one line above the axes, aligned right."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=99, borderpad=0)
 
 
 @style
 def draw_plot(plot: Plot) -> Markup | None:
-    """Return a plot as SVG; None of one without panels."""
+    """Return a plot as SVG; None if it has no panels."""
     if not plot.panels:
         return None
     several = len(plot.panels) > 1

@@ -1,4 +1,4 @@
-"""Figures of residuals, of errors of the bench against their statement, and of correlations."""
+"""Figures of residuals, of bench errors compared with their statement, and of correlations."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -109,7 +109,7 @@ def _residual_panels(seen: "_ResidualTable", kind: str, name: str, *, half: bool
 
 
 class _ResidualTable(NamedTuple):
-    """Residuals as a table, (rows, parts), NaN where a row has not that part."""
+    """Residuals as a table, (rows, parts), NaN if a row has not that part."""
 
     rows: Sequence[str]
     parts: Sequence[str]
@@ -150,7 +150,7 @@ def _row_kind(part: str) -> str:
 def residual_tables(
     outcome: Outcome,
 ) -> Iterator[tuple[Sequence[str], Sequence[str], Array]]:
-    """Yield labels, parts and residuals in standard deviations, (rows, parts), of each kind."""
+    """Yield labels, parts and residuals in standard deviations, (rows, parts), for each kind."""
     estimate = outcome.estimate
     if estimate.groups:
         for group in estimate.groups:
@@ -198,7 +198,7 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
     Parameters
     ----------
     pulls : mapping of str to sequence of (str, float)
-        By position, turn or "run": names of parameters and how far each lies from its expectation.
+        By position, turn or "run": names of parameters and how far each is from its expectation.
     """
     names = list(dict.fromkeys(name for found in pulls.values() for name, _ in found))
     table = np.full((len(pulls), len(names)), np.nan)
@@ -224,13 +224,13 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
 
 
 def rows_beyond_band(values: Array) -> list[int]:
-    """Return the rows of (rows, parts) that lie beyond the band, the farthest first."""
+    """Return the rows of (rows, parts) beyond the band, the farthest first."""
     size = np.nanmax(np.abs(values), axis=1, initial=0.0)
     return [k for k in np.argsort(-size, kind="stable").tolist() if size[k] > BAND_LIMIT]
 
 
 def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:
-    """Draw (rows, parts) by row, a colour and a shape for each part; with or without the band."""
+    """Draw (rows, parts) by row, with a colour and shape for each part and optionally the band."""
     if band:
         _draw_band(axes, values)
     else:
@@ -295,7 +295,7 @@ def _draw_colour_scale(axes: Axes) -> None:
 
 
 def _draw_squares(axes: Axes, cells: Sequence[tuple[int, int]], strengths: Sequence[float]) -> None:
-    """Fill cells by their correlations; where there is none, the page shows, light or dark."""
+    """Fill cells by their correlations; if there is none, the page shows, light or dark."""
     square = 0.46 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     shades = [(PLUS if r > 0 else MINUS, min(abs(r), 1.0)) for r in strengths]
     corners = [square + cell for cell in cells]
@@ -325,7 +325,7 @@ def residual_axes(outcome: Outcome, axes: Axes | None) -> Axes:
     every = -(-len(names) // MAX_NAMES)
     axes.set_xticks(range(0, len(names), every), names[::every], rotation=90)
     axes.set_ylabel("residual, standard deviations")
-    axes.set_title(f"{outcome.calibration.sensor.name}: band of ±2, which holds 95 of 100")
+    axes.set_title(f"{outcome.calibration.sensor.name}: the band of ±2 contains 95 of 100")
     axes.legend()
     return axes
 
@@ -334,7 +334,7 @@ def coverage_axes(outcome: Outcome, axes: Axes | None) -> Axes:
     """Draw the measured directions of the body by longitude and latitude, degrees."""
     found = outcome.kind.directions(outcome)
     if not found:
-        raise InputError("the method states no attitudes: there is no coverage to draw")
+        raise InputError("the method states no attitudes, so there is no coverage to draw")
     axes = _new_axes() if axes is None else axes
     turned = np.array([isinstance(one.step, Turn | Rotation) for one in found])
     x, y, z = np.array([one.unit_vector for one in found]).T
@@ -347,7 +347,7 @@ def coverage_axes(outcome: Outcome, axes: Axes | None) -> Axes:
     )
     axes.set_xlabel("longitude in the case, from x towards y, °")
     axes.set_ylabel("latitude in the case, towards z, °")
-    axes.set_title(f"{outcome.calibration.sensor.name}: directions that were up")
+    axes.set_title(f"{outcome.calibration.sensor.name}: directions that pointed up")
     axes.grid(alpha=0.3)
     axes.legend()
     return axes

@@ -1,4 +1,4 @@
-"""Estimators over time: filters with innovations and path, and a search by generations."""
+"""Figures of estimators over time: filters with innovations and path, and a genetic search."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -47,7 +47,7 @@ class _CoefficientGroup(NamedTuple):
 
 @drawing.style
 def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> Markup:
-    """Return each estimate minus the truth, or minus the result, with ±2σ, over time."""
+    """Return each estimate minus the truth or the final result, with ±2σ, over time."""
     sensor, courses = outcome.calibration.sensor, outcome.estimate.courses
     kinds = [kind for course in courses for kind in _coefficient_groups(course, sensor)]
     figure, panels = drawing.panels(2.1, [0.45] * len(kinds))
@@ -151,7 +151,7 @@ def _state_groups(
     turning = any(kinds[CoefficientName(name).axis] == "w" for name in course.names if "." in name)
     unit, size = ("°/h", radians(1) / 3600) if turning else ("µg", 1e-6 * G0)
     return (
-        _StateGroup(f"{course.name}: attitude off by, ″", tilt, radians(1 / 3600)),
+        _StateGroup(f"{course.name}: attitude error, ″", tilt, radians(1 / 3600)),
         _StateGroup(f"{course.name}: drift, {unit}", drift, size),
     )
 
@@ -178,7 +178,7 @@ def _state_label(state: str) -> str:
 
 @drawing.style
 def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
-    """Return the running mean of NIS a component of each filter over time, with the expected 1."""
+    """Return the running mean of NIS per component of each filter, with the expected value 1."""
     figure, ((axes,),) = drawing.panels(1.7, [0.45])
     axes.axhline(1, color=WARN, lw=0.9, ls="--", label="as stated")
     for k, course in enumerate(courses):
@@ -187,14 +187,14 @@ def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
         time, mean = _break_at_pauses(time[picks], mean[picks])
         axes.plot(time, mean, color=AXES[k % 3], lw=1.0, label=course.name)
     axes.set_ylim(bottom=0)
-    axes.set_ylabel("NIS a component")
+    axes.set_ylabel("NIS per component")
     axes.set_xlabel("time, s")
     drawing.add_legend(axes)
     return svg(figure, "nis", "Normalised innovations squared of each filter over time")
 
 
 def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return a line that is broken by NaN where a filter paused."""
+    """Return a line that is broken by NaN if a filter paused."""
     steps = np.diff(time)
     if not steps.size:
         return time, values
@@ -203,9 +203,9 @@ def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def running_nis(course: FilterHistory) -> tuple[Array, Array]:
-    """Return time and the running mean of NIS a component over a fortieth of the epochs.
+    """Return time and the running mean of NIS per component over a fortieth of the epochs.
 
-    Epochs at which the attitude was reset have no innovation and are left out.
+    Epochs at which the attitude was reset have no innovation, so they are left out.
     """
     taken = course.nis > 0
     time, nis = course.time[taken], course.nis[taken] / max(course.innovation.shape[1], 1)
@@ -219,7 +219,7 @@ def running_nis(course: FilterHistory) -> tuple[Array, Array]:
 
 @drawing.style
 def path_figure(track: Track, bench: Turntable) -> Markup:
-    """Return the axes' angles over time, holds shaded."""
+    """Return the angles of the axes over time, with holds shaded."""
     figure, ((axes,),) = drawing.panels(1.9, [0.45])
     picks = thin_indices(track.time.size, 2 * MAX_POINTS)
     for k, name in enumerate(bench.names):

@@ -1,4 +1,4 @@
-"""Plots of a noise analysis: deviations and spectrum with the terms, residuals, time pictures."""
+"""Plots of a noise analysis: deviations and spectrum with the terms, residuals, and time plots."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -45,7 +45,7 @@ def _plain_decades(axes: Axes) -> None:
 
 @drawing.style
 def deviation_figure(channel: ChannelNoise) -> Markup:
-    """Return the Allan deviation with its band and terms, and beside it the spectrum."""
+    """Return the Allan deviation with its band and terms, and the spectrum beside it."""
     figure, ((left,),) = drawing.panels(3.0, [0.5], half=True)
     other, ((right,),) = drawing.panels(3.0, [0.5], half=True)
     unit = SHOWN_UNIT[channel.quantity]
@@ -182,7 +182,7 @@ def _draw_ratios(axes: Axes, time: Array, y: Array) -> None:
 
 @drawing.style
 def spectrogram_figure(channel: ChannelNoise, dt: float, y: Array) -> Markup | None:
-    """Return the power by time and frequency over its median in time; None of a short recording."""
+    """Return the power over time and frequency, relative to its median; None if too short."""
     size = y.size // _CELLS
     if size < 8 * _CELLS:
         return None

@@ -1,4 +1,4 @@
-"""A sensor's noise over time, figure and tables: a section of its history, or a page alone."""
+"""A sensor's noise over time, as a section of its history or a page of its own."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -43,7 +43,7 @@ def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
 
 
 def noise_history_page(sensor: SensorEntry, entries: Sequence[NoiseEntry]) -> str:
-    """Return the page of a sensor without calibrations, HTML; one analysis at least."""
+    """Return the page, HTML, of a sensor without calibrations but with at least one analysis."""
     return render(
         "sensor_noise.html",
         sensor=sensor,

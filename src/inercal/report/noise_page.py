@@ -1,4 +1,4 @@
-"""The page of a noise analysis: coefficients, then the plots of each channel."""
+"""The page of a noise analysis: the coefficients, then the plots of each channel."""
 
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from inercal.report.templates import render
 def noise_page(
     analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | None = None
 ) -> str:
-    """Return the page, HTML; with a data sheet, the coefficients beside it."""
+    """Return the page, HTML; with a data sheet it shows the coefficients beside it."""
     compared = () if sheet is None else compare_with_sheet(analysis, sheet)
     of_sheet = () if sheet is None else (*sheet.all_remarks, *kind_remarks(compared, sheet))
     good = all(one.goodness.fits for one in analysis.channels)

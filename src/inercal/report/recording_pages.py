@@ -1,4 +1,4 @@
-"""Pages of a recording without a result: a drafted run file, and a recording that was refused."""
+"""Pages of a recording without a result: a drafted run file, or a refused recording."""
 
 import numpy as np
 from markupsafe import Markup

@@ -1,10 +1,10 @@
-"""Residuals of a method that estimates from all samples of a recording, summarised per step.
+"""Summarises, for each step, the residuals of a method that uses all samples of a recording.
 
-Tens of thousands of whitened residuals r, each of variance 1, cannot be shown singly. For the n
-residuals of a step, if the model is right:
+Tens of thousands of whitened residuals r, each with variance 1, cannot be shown one by one. For
+the n residuals of a step, if the model is right:
 
-    √n mean(r)    differs from 0 by about 1; more shows a bias or an angle that does not fit
-    rms(r)        differs from 1 by about 1/√(2n); more shows noise other than stated
+    √n mean(r)    differs from 0 by about 1; more means a bias or an angle that does not fit
+    rms(r)        differs from 1 by about 1/√(2n); more means that the noise is not as stated
 """
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
@@ -38,7 +38,7 @@ class StepResiduals(NamedTuple):
 
 
 def uses_whole_recording(outcome: Outcome) -> bool:
-    """Whether an outcome's residuals are those of a whole recording."""
+    """Tell whether the residuals of an outcome are those of a whole recording."""
     if outcome.observations.track is None:
         return False
     from inercal.methods.turntable_trajectory import METHOD  # loads Numba
@@ -105,7 +105,7 @@ def step_residual_figure(found: Sequence[StepResiduals]) -> Markup:
         for axes in (left, right):
             drawing.name_positions(axes, one.labels, worst=worst)
         left.set_title(one.title)
-        left.set_ylabel("mean, its standard deviations")
-        right.set_ylabel("rms beyond 1")
+        left.set_ylabel("mean, in standard deviations")
+        right.set_ylabel("rms minus 1")
         drawing.add_legend(right)
     return svg(figure, "residuals", "Means and sizes of whitened residuals by step")

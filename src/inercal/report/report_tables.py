@@ -1,4 +1,4 @@
-"""The tables of the report as text, rounded to what the uncertainties allow."""
+"""The tables of the report as text, rounded as the uncertainties allow."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -24,15 +24,15 @@ _MAX_PAIRS = 8
 _MAX_LISTED = 10  # candidates
 _KIND_TEXTS = {
     "coefficient": "coefficient, not estimated",
-    "bench": "bench, beyond its statement",
-    "row": "readings of one row",
-    "time": "change over the run",
+    "bench": "bench error, larger than stated",
+    "row": "error of one row's readings",
+    "time": "change during the run",
 }
 
 
 @dataclass(frozen=True)
 class CoefficientRow:
-    """One coefficient as printed; `error` in standard uncertainties where the truth is known."""
+    """One coefficient as printed; `error` is in standard uncertainties if the truth is known."""
 
     name: str
     symbol: str
@@ -48,7 +48,7 @@ class CoefficientRow:
 
 @dataclass(frozen=True)
 class AxisGroup:
-    """The coefficients of one kind of axes; `axes` holds the rows of each."""
+    """The coefficients of one kind of axes; `axes` contains the rows of each."""
 
     title: str
     axes: tuple[tuple[CoefficientRow, ...], ...]
@@ -124,7 +124,7 @@ def _coefficient_row(
 
 
 def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float]]]]:
-    """Return the estimated errors of the bench, and how far they lie from what was stated.
+    """Return the estimated errors of the bench, and how far they are from the stated ones.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def strongest_correlations(estimate: Estimate) -> list[str]:
 
 
 def correction_matrix(outcome: Outcome) -> Grid | None:
-    """Return C and o of motion = C (output − o), or None for a model that is not affine."""
+    """Return C and o of motion = C (output − o); None if the model is not affine."""
     calibration = outcome.calibration
     sensor = calibration.sensor
     if not sensor.affine:

@@ -1,4 +1,4 @@
-"""The page of a sensor's history, its figures, and the section for a calibration's report."""
+"""The page of a sensor's history, its figures, and its section in a calibration report."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -38,7 +38,7 @@ from inercal.report.templates import render
 
 
 def recalibration_section(found: Recalibration) -> Markup:
-    """Return the table of intervals and what follows from it, HTML."""
+    """Return the table of intervals and the conclusions from it, HTML."""
     heads, cells = interval_table(found)
     rows = [
         (one.name, typeset_minus(limit_text(found, one)), *row)
@@ -65,7 +65,7 @@ _YEAR = YEAR / 86_400.0  # days
 
 @dataclass(frozen=True)
 class AxisHistory:
-    """The coefficients of one axis: rows, figure, and the table of all calibrations."""
+    """The coefficients of one axis as rows, a figure, and a table of all calibrations."""
 
     axis: str
     rows: list[dict[str, str]]
@@ -79,7 +79,7 @@ def sensor_history_page(
     next_one: Recalibration | None = None,
     noise: Sequence[NoiseEntry] = (),
 ) -> str:
-    """Return the page, HTML; where `next_one` is None, by the limits of the newest calibration."""
+    """Return the page, HTML; without `next_one` by the limits of the newest calibration."""
     groups, lines = _axis_histories(history), summary_lines(history)
     return render(
         "over_time.html",
@@ -125,7 +125,11 @@ def _verdict_counts(history: SensorHistory) -> str:
         for verdict, word in _VERDICT_WORDS.items()
         if (names := history.verdicts.get(verdict, ()))
     ]
-    return f"coefficients: {', '.join(counts)}" if counts else "one calibration: nothing to compare"
+    return (
+        f"coefficients: {', '.join(counts)}"
+        if counts
+        else ("there is only one calibration, so nothing can be compared")
+    )
 
 
 def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
@@ -205,7 +209,7 @@ def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name
     history : SensorHistory
     found : sequence of CoefficientTrend
     name : str
-        Of the figure; another one of the page has another name.
+        Name of the figure; each figure of a page needs a different one.
     """
     figure, panels = drawing.grid(_HEIGHT, _LABEL_ROOM, len(found), _COLUMNS)
     first, last = (drawing.days(history.entries[k].measured) for k in (0, -1))

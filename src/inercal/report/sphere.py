@@ -1,4 +1,4 @@
-"""The attitudes that were measured, on a sphere of body directions seen from two sides."""
+"""Shows the measured attitudes on a sphere of body directions, seen from two sides."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -26,7 +26,7 @@ _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
 
 def missing_faces(found: Sequence[MeasuredDirection]) -> list[str]:
-    """Return the faces that no hold had up: "−z"; none where attitudes were free."""
+    """Return the faces that never pointed up, such as "−z"; none if attitudes were free."""
     holds = [(a, a.step) for a in found if isinstance(a.step, Hold)]
     if not holds or any(max(map(abs, step.up)) < _NOMINAL_COSINE for _, step in holds):
         return []

@@ -1,4 +1,4 @@
-"""The templates of pages; each extends `base.html`, which holds the head and the look of all."""
+"""The templates of pages, which all extend `base.html` with its head and style."""
 
 from functools import cache
 from typing import Any
@@ -12,16 +12,16 @@ _PACKAGE = "inercal.report"
 
 
 def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
-    """Return a template filled in, HTML; values are escaped but for those that are `Markup`.
+    """Return a filled-in template, HTML; all values that are not `Markup` are escaped.
 
     Parameters
     ----------
     template : str
-        Name of a file in `package`; what it extends or includes may lie here.
+        Name of a file in `package`; it may extend or include files of this package.
     package : str
     **values
-        What the template names. It has besides `term`, a function that links a word to its
-        definition, and `terms`, what was linked so far: `base.html` lists them at the end.
+        The variables of the template. It also has `term`, a function that links a word to its
+        definition, and `terms`, the ones linked so far, which `base.html` lists at the end.
     """
     terms: dict[str, Term] = {}
 
@@ -36,7 +36,7 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
 
 
 def glossary_page() -> str:
-    """Return the page of the terms, which the live page links to, HTML."""
+    """Return the page of the terms, HTML, to which the live page links."""
     return render("glossary.html", groups=glossary())
 
 

@@ -1,6 +1,6 @@
-"""The recorded signals with their sections; envelopes keep a long recording small.
+"""Draws the recorded signals with their sections; envelopes keep long recordings small.
 
-Of each stretch of samples the smallest and the largest are drawn, so that no spike is lost.
+Each stretch of samples is drawn by its smallest and largest value, so no spike is lost.
 """
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
@@ -25,9 +25,9 @@ MAX_POINTS = 2400  # of each channel, at most
 
 
 def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
-    """Return times from the first sample, s, and readings, (k,): broken by NaN at gaps.
+    """Return times from the first sample, s, and readings, (k,), with NaN at gaps.
 
-    Of more than `MAX_POINTS` samples the extremes of each of POINTS/2 stretches are kept.
+    If there are more than `MAX_POINTS` samples, the extremes of POINTS/2 stretches are kept.
     """
     y = np.ascontiguousarray(recording.data[:, column])
     stretch = -(-y.size // (MAX_POINTS // 2))
@@ -48,7 +48,7 @@ def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
 
 
 def stacked_axes(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its axes, one above the other over the same time."""
+    """Return a figure and its axes, stacked over the same time."""
     figure, rows = drawing.panels(height, [*[0.0] * (count - 1), 0.45])
     for (axes,) in rows:
         axes.set_xlim(-0.01 * seconds, 1.01 * seconds)
@@ -59,7 +59,7 @@ def stacked_axes(height: float, count: int, seconds: float) -> tuple[Figure, lis
 
 @drawing.style
 def section_figure(outcome: Outcome, recording: Recording) -> Markup:
-    """Return the signals by kind of axis, sections shaded, the audit's ranges marked."""
+    """Return the signals by kind of axis, with sections shaded and the audit's ranges marked."""
     figure, rows = _draw_signals(recording, outcome.calibration.sensor, _used_marks(outcome))
     for axes, names in rows:
         _mark_findings(axes, outcome, recording, names)
@@ -93,7 +93,7 @@ def _draw_signals(
 
 
 def time_spans(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
-    """Return start and length in s of half-open ranges of samples."""
+    """Return start and length, s, of half-open ranges of samples."""
     last = recording.time.size - 1
     return [
         (
@@ -150,7 +150,7 @@ def _name_sections(axes: Axes, outcome: Outcome, recording: Recording) -> None:
 
 @drawing.style
 def scatter_figure(recording: Recording, sensor: Sensor, rests: RestDetection) -> Markup:
-    """Return how rests were detected: the scatter over time, with the thresholds that it met."""
+    """Return a figure of how rests were detected: the scatter over time, with the thresholds."""
     figure, rows = stacked_axes(1.3, len(rests.levels), recording.duration)
     stretch = -(-recording.time.size // MAX_POINTS)
     starts = np.arange(0, recording.time.size, stretch)

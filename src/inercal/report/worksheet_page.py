@@ -1,4 +1,4 @@
-"""The page of a worksheet: printed, and filled in by hand at the bench."""
+"""The page of a worksheet, to be printed and filled in by hand at the bench."""
 
 from itertools import groupby
 

@@ -130,7 +130,7 @@ def _limits_of_word(word: str, text: str | tuple[str, str], sensor: Sensor) -> d
     """Return the limits of each coefficient that a key names and whose unit fits."""
     key = f"{_KEY} {word}"
     try:
-        named = select_coefficients(sensor.axes, (word,))
+        named = select_coefficients(sensor.axes, [word])
     except InputError as error:
         raise error.located(key, key=key) from None
     names = [name for name in named if name in sensor.coefficients]

@@ -65,7 +65,7 @@ class Claim:
 
     @property
     def printed(self) -> float | None:
-        """The number in print; None where the source prints none."""
+        """The number in print; None if the source prints none."""
         return self.expected if self.basis == "number" else None
 
     @property
@@ -75,7 +75,7 @@ class Claim:
 
     @property
     def digits(self) -> int:
-        """Significant digits in print; four where no number is printed."""
+        """Significant digits in print; four if no number is printed."""
         if not (self.last_digit and self.expected):
             return 4
         return floor(log10(abs(self.expected) / self.last_digit) + 1 + 1e-9)
@@ -143,7 +143,7 @@ class ClaimResult:
 
     @property
     def printed_text(self) -> str:
-        """The printed number as text, with its relation; a dash where the source prints none."""
+        """The printed number as text, with its relation; a dash if the source prints none."""
         return "—" if self.claim.printed is None else self.expected_text
 
     @property

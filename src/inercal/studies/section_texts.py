@@ -49,7 +49,7 @@ class SectionText:
         charts: Sequence[Chart] = (),
         **figures: object,
     ) -> StudySection:
-        """Return the section, with the figures in place of their names in the text."""
+        """Return the section, with the figures instead of their names in the text."""
         text = [paragraph.format(**figures) for paragraph in self.text]
         return StudySection(self.name, self.title, text, findings, tables, charts)
 
@@ -67,7 +67,7 @@ def read_section_text(package: str, name: str) -> SectionText:
 
 
 def build_study(package: str, sections: Sequence[StudySection], **figures: object) -> Study:
-    """Return the study of a package, with the figures in place of their names in the facts."""
+    """Return the study of a package, with the figures instead of their names in the facts."""
     content = _read_toml(package, "study")
     return Study(
         content["name"],

@@ -24,7 +24,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class StudyPanel:
-    """One pair of axes; `names` label the whole numbers of x in place of a scale."""
+    """One pair of axes; `names` label the whole numbers of x instead of a scale."""
 
     title: str
     x: str

@@ -7,7 +7,7 @@ trials. Trials are drawn in batches, each with a random stream of its own that i
 seed: a batch does not depend on how many others there are, and they may be drawn in any order.
 
 Of means (type A) whose samples are not independent: samples are cut into a batches of equal length,
-and the scatter of the batch means is used in place of the scatter of the samples (non-overlapping
+and the scatter of the batch means is used instead of the scatter of the samples (non-overlapping
 batch means; Flegal and Jones 2010, Annals of Statistics 38, 1034–1070, equation 4; for independent
 samples it is GUM 4.2.3)::
 
@@ -62,7 +62,7 @@ def propagate(
 def value_and_jacobian(
     function: Callable[[Array], Array], x: Array, covariance: Array
 ) -> tuple[Array, Array]:
-    """Return y = f(x), (..., q), and ∂f/∂x over the range of x, (..., q, p); as of `propagate`."""
+    """Return y = f(x), (..., q), and ∂f/∂x over the range of x, (..., q, p); as for `propagate`."""
     sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     return function(x), jacobian(function, x, 0.1 * sd)
 

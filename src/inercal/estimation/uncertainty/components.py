@@ -95,8 +95,8 @@ def variance_components(value: Array, std: Array, lots: Indices | None = None) -
     dof = len(value) - count
     if dof < 1:
         raise InputError(
-            f"{len(value)} values in {count} lots: their scatter is not observed; give a lot with "
-            "two values or more"
+            f"{len(value)} values in {count} lots do not show the scatter within a lot; give a "
+            "lot with two values or more"
         )
     within = _component(value, std, lots, count, dof)
     weight = 1 / np.maximum(std**2 + within.sd**2, _LEAST)
@@ -149,7 +149,7 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
 def _root(
     squares: Callable[[float], tuple[float, float]], size: float, least: float, x: float
 ) -> float:
-    """Return the excess variance at which `squares` is `size`; 0 where it is less everywhere.
+    """Return the excess variance at which `squares` is `size`; 0 if it is less everywhere.
 
     Newton's steps: the function is convex and falls, so that they end below the root at the latest
     after the first, and then rise to it.

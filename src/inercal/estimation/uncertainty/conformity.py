@@ -60,10 +60,12 @@ class DecisionRule:
 
     def __post_init__(self) -> None:
         if not 0 < self.factor < inf:
-            raise InputError(f"factor {self.factor:g}: give a number above 0", key="factor")
+            raise InputError(
+                f"factor {self.factor:g} is not possible; give a number above 0", key="factor"
+            )
         if self.name == "simple" and self.factor != 1.0:
             raise InputError(
-                "factor: rule 'simple' has no guard band; remove factor, or choose 'guarded'",
+                "rule 'simple' has no guard band; remove factor, or choose 'guarded'",
                 key="factor",
             )
 

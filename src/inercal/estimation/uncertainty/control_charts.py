@@ -106,7 +106,7 @@ def chart_limits(
     run_length : float
         ARL₀ of all together.
     dof : (p,) array
-        Degrees of freedom of each value's variance; infinite where it is known.
+        Degrees of freedom of each value's variance; infinite if it is known.
     joint_dof : float
         Of their covariance.
     lasting : "EWMA" or "CUSUM"

@@ -67,7 +67,7 @@ class EffectVariances:
     Parameters
     ----------
     variance : (c,) array
-        σ_c²; 0 where the sessions scatter less than their own covariances say.
+        σ_c²; 0 if the sessions scatter less than their own covariances say.
     covariance : (c, c) array
         Of the variances: the inverse of the information.
     converged : bool
@@ -128,7 +128,7 @@ def restricted_likelihood(y: Array, x: Array, v: Array) -> tuple[float, Array, A
 
 
 class MeasurementBlock(NamedTuple):
-    """Measurements that are independent of those of other blocks, y = x θ + e.
+    """Measurements y = x θ + e that are independent of those of other blocks.
 
     y (n,) has the derivatives x (n, p) by what is free in this block alone, the known covariance
     (n, n), and for each effect c a factor H_c (n, r).

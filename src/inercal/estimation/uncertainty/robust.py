@@ -170,7 +170,7 @@ def find_outliers(values: Array, distances: Array) -> NDArray[np.intp]:
     values : (n, p) array
         None are found in fewer than `LEAST_ROWS` rows. A column without scatter is ignored.
     distances : (n,) array
-        Robust squared distances, as of `inercal.estimation.uncertainty.robust.squared_distances`.
+        Robust squared distances, as for `inercal.estimation.uncertainty.robust.squared_distances`.
     """
     used = values[:, np.median(np.abs(values - np.median(values, axis=0)), axis=0) > 0]
     n, p = used.shape

@@ -86,7 +86,7 @@ class Ladder(NamedTuple):
 
 
 def rounding_ladder(levels: Array) -> Ladder | None:
-    """Return the even levels to which readings are rounded; None where they have no common step.
+    """Return the even levels to which readings are rounded; None if they have no common step.
 
     The values need not be exact multiples: a step of .02 °/s written in rad/s with four decimals
     has gaps of three and of four units of the last place.
@@ -114,7 +114,7 @@ def rounding_ladder(levels: Array) -> Ladder | None:
 
 
 def _fitted_ladder(levels: Array, step: float, digit: float) -> Ladder | None:
-    """Return the ladder nearest to the levels by least squares; None where none is near enough.
+    """Return the ladder nearest to the levels by least squares; None if none is near enough.
 
     From where levels are closest together the fit goes on to twice the range each time: a step that
     is known roughly places near levels only.

@@ -108,7 +108,7 @@ def chart_limit(run_length: float, weight: float, size: int) -> float:
 
 
 def wider_limit(limit: float, size: int, dof: float) -> float:
-    """Return h where the covariance was estimated with ν degrees of freedom.
+    """Return h for a covariance that was estimated with ν degrees of freedom.
 
     The probability of a single point beyond it is that of `limit` with a known covariance: p times
     a quantile of F, of t² for p = 1.

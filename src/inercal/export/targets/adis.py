@@ -74,7 +74,10 @@ def _render(request: Request) -> Rendering:
         with_comments("register,value,word\n" + "\n".join(lines) + "\n"),
         (f"{formula}; LSB = {sizes} (m/s^2, rad/s), as the user stated it",),
         "readings with all these registers at 0, in m/s^2 and rad/s",
-        ("check order and sizes in the data sheet of the part: inercal does not know them",),
+        (
+            "check the order and the sizes in the data sheet of the part, because inercal does "
+            "not know them",
+        ),
         holds=dict.fromkeys("fw", _HELD if step is not None else frozenset({"bias"})),
     )
 
@@ -84,8 +87,8 @@ def _registers(names: Sequence[str], values: Array, bits: int) -> list[str]:
     for name, value in zip(names, values.astype(int).tolist(), strict=True):
         if not -(1 << (bits - 1)) <= value < 1 << (bits - 1):
             raise InputError(
-                f"adis: {name} would be {value}, which {bits} bits do not hold; check the stated "
-                "sizes of a step",
+                f"adis: {name} would be {value}, which does not fit into {bits} bits; check "
+                "the stated sizes of a step",
                 names=(name,),
             )
         lines.append(f"{name},{value},0x{value & ((1 << bits) - 1):0{bits // 4}X}")

@@ -86,7 +86,9 @@ def _render(request: Request) -> Rendering:
     require_aligned(model, "ardupilot")
     imu = options["imu"]
     if not 1 <= imu <= 3:
-        raise InputError(f"--set imu={imu}: give 1 to 3", key="--set", names=("imu",))
+        raise InputError(
+            f"--set imu={imu} is not possible; give 1 to 3", key="--set", names=("imu",)
+        )
     reference = model.sensor.reference_temperature - ZERO_CELSIUS
     thermal = any(t.bias_powers.any() for _, t in model.triads)
     limits, taken = (-np.inf, np.inf), reference
@@ -97,8 +99,8 @@ def _render(request: Request) -> Rendering:
         )
         if limits[1] - limits[0] < _MIN_SPAN:
             raise InputError(
-                f"ardupilot corrects over {_MIN_SPAN:g} K at least; the range is {limits[0]:g} to "
-                f"{limits[1]:g} °C",
+                f"ardupilot corrects over at least {_MIN_SPAN:g} K, but the range is "
+                f"{limits[0]:g} to {limits[1]:g} °C",
                 key="temperature",
             )
         taken = float(np.clip(reference, *limits))
@@ -150,7 +152,9 @@ def _render(request: Request) -> Rendering:
         )
     remarks = ["INS_GYR_CAL 0 keeps the gyro offsets: 1 would measure them anew at each boot"]
     if options["acc_id"] is None and options["gyro_id"] is None:
-        remarks.append("no device ids were stated (acc_id, gyro_id): check that the board is this")
+        remarks.append(
+            "no device ids were stated (acc_id, gyro_id); make sure that this is the right board"
+        )
     return Rendering(
         by_triad(model, corrections),
         with_comments(body),
@@ -173,11 +177,13 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         bias = np.array([known.get(offsets + a, 0.0) for a in "XYZ"])
         scale = np.array([known.get(scales + a, 1.0) for a in "XYZ"])
         if (scale == 0).any():
-            raise InputError(f"{scales}X … Z have a 0: this accelerometer was not calibrated")
+            raise InputError(f"{scales}X … Z contain a 0, so this accelerometer was not calibrated")
         powers = np.zeros((0, 3))
         if thermal:
             if temperature not in known:
-                raise InputError(f"{temperature} is missing: the offsets have no temperature")
+                raise InputError(
+                    f"{temperature} is missing, so the temperature of the offsets is unknown"
+                )
             lowest = known.get(f"INS_TCAL{imu}_TMIN", -inf)
             highest = known.get(f"INS_TCAL{imu}_TMAX", inf)
             taken = min(max(known[temperature], lowest), highest)
@@ -192,8 +198,8 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         )
     if not triads:
         raise InputError(
-            f"no parameters of IMU {imu}, such as INS_ACCOFFS_X: give parameters of ArduPilot, or "
-            "another --set imu=…"
+            f"there are no parameters of IMU {imu}, such as INS_ACCOFFS_X; give parameters of "
+            "ArduPilot, or another --set imu=…"
         )
     return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
 
@@ -208,7 +214,7 @@ def _parameters(text: str) -> dict[str, float]:
             known[words[0]] = float(words[1])
         except (IndexError, ValueError):
             raise InputError(
-                f"line {place} is no NAME,VALUE: give parameters of ArduPilot", line=place
+                f"line {place} is not NAME,VALUE; give parameters of ArduPilot", line=place
             ) from None
     return known
 

@@ -30,7 +30,9 @@ def _render(request: Request) -> Rendering:
     model = request.model
     lsb = request.options["lsb"]
     if not lsb > 0:
-        raise InputError(f"--set lsb={lsb:g}: give a number above 0", key="--set", names=("lsb",))
+        raise InputError(
+            f"--set lsb={lsb:g} is not possible; give a number above 0", key="--set", names=("lsb",)
+        )
     kinds = [kind for kind, _ in model.triads]
     n = 3 * len(kinds)
     matrix = model.correction / model.joined("scale") * lsb

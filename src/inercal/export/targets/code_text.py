@@ -24,7 +24,7 @@ def code_target(
     *,
     named_by_function: bool = False,
 ) -> Target:
-    """Return a target of code: it holds all terms but those of derivatives (`DERIVATIVES`)."""
+    """Return a target of code, which includes all terms except derivatives (`DERIVATIVES`)."""
     return Target(
         name,
         meaning,
@@ -55,7 +55,7 @@ def code_rendering(
 
 
 def motion_comment(code: CodeModel) -> str:
-    """Return what the elements of the result are."""
+    """Return a comment that names the elements of the result."""
     words = {"f": "specific force x y z (m/s^2)", "w": "angular rate x y z (rad/s)"}
     return ", then ".join(words[kind] for kind, _ in code.model.triads)
 
@@ -73,6 +73,6 @@ def _temperature_remarks(code: CodeModel) -> tuple[str, ...]:
     if not code.takes_temperature:
         return ()
     if code.limits is None:
-        return ("temperature in degC; no range is stated, and the code does not limit it",)
+        return ("temperature in degC; no range is stated, so the code does not limit it",)
     low, high = code.limits
     return (f"temperature in degC; the code limits it to {low:.6g} to {high:.6g}",)

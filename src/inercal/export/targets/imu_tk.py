@@ -63,7 +63,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     except ValueError:
         numbers = np.zeros(0)
     if numbers.size < _COUNT or not np.isfinite(numbers).all():
-        raise InputError("no .calib file of imu_tk: it begins with 21 numbers")
+        raise InputError("this is not a .calib file of imu_tk, which begins with 21 numbers")
     matrix, scale = numbers[:9].reshape(3, 3), numbers[9:18].reshape(3, 3)
     correction = matrix @ scale
     if abs(np.linalg.det(correction)) == 0:

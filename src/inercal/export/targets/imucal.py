@@ -76,7 +76,9 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         units = [str(content[name]) for name in ("acc_unit", "gyr_unit")]
         raw = [str(content.get(name)) for name in ("from_acc_unit", "from_gyr_unit")]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(f"no calibration of imucal: {type(error).__name__} {error}") from None
+        raise InputError(
+            f"this is not a calibration of imucal: {type(error).__name__} {error}"
+        ) from None
     for name, array in arrays.items():
         wanted = (3,) if name.startswith("b") else (3, 3)
         if array.shape != wanted or not np.isfinite(array).all():

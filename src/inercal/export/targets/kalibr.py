@@ -191,7 +191,7 @@ def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
     missing = [name for name in _KEYS if name not in known]
     if missing:
         raise InputError(
-            f"target {target} needs the noise of the IMU, which no calibration holds: "
+            f"target {target} needs the noise of the IMU, which a calibration does not contain: "
             + ", ".join(f"--set {name}=… ({_KEYS[name]})" for name in missing)
             + ", or --set noise=imu.yaml of a noise analysis",
             key="--set",
@@ -214,7 +214,7 @@ def _number(text: str, name: str, path: Path) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"{path}: {name}: {text} is no number", file=path, key=name) from None
+        raise InputError(f"{path}: {name}: {text} is not a number", file=path, key=name) from None
 
 
 def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
@@ -223,19 +223,19 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     try:
         content = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InputError(f"no YAML that can be read: {error}") from None
+        raise InputError(f"the YAML cannot be read: {error}") from None
     name = options["imu"]
     one = _section(content, name)
     if one is None:
         raise InputError(
-            f"no IMU {name!r}: give a result of Kalibr, or --set imu=… with another name",
+            f"there is no IMU {name!r}; give a result of Kalibr, or --set imu=… with another name",
             names=(name,),
         )
     force, rate = _section(one, "accelerometers"), _section(one, "gyroscopes")
     if force is None or rate is None:
         raise InputError(
-            f"{name} is of model {one.get('model')!r}, without intrinsics: calibrate with Kalibr's "
-            "model scale-misalignment"
+            f"{name} is of model {one.get('model')!r}, which has no intrinsics; calibrate with "
+            "Kalibr's model scale-misalignment"
         )
     matrix, gyro = _matrix(force, "M"), _matrix(rate, "M")
     turn = _matrix(rate, "C_gyro_i")
@@ -248,7 +248,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 
 def _section(content: Any, name: str) -> dict[str, Any] | None:
-    """Return a map within a map; None where there is none."""
+    """Return a map within a map; None if there is none."""
     found = cast("dict[str, Any]", content).get(name) if isinstance(content, dict) else None
     return cast("dict[str, Any]", found) if isinstance(found, dict) else None
 

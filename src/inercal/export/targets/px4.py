@@ -59,7 +59,9 @@ def _render(request: Request) -> Rendering:
     require_aligned(model, "px4")
     n = options["instance"]
     if not 0 <= n <= 3:
-        raise InputError(f"--set instance={n}: PX4 has 0 to 3", key="--set", names=("instance",))
+        raise InputError(
+            f"--set instance={n} is not possible; PX4 has 0 to 3", key="--set", names=("instance",)
+        )
     lines: list[tuple[str, float, int]] = []
     corrections: dict[str, Correction] = {}
     limits = (-np.inf, np.inf)
@@ -115,7 +117,7 @@ def _render(request: Request) -> Rendering:
         "readings of the driver in m/s^2 and rad/s, axes of the sensor before the board's rotation",
         (
             "PX4 turns the result by SENS_BOARD_ROT or CAL_*_ROT afterwards; it has no gyro scale",
-            "the ids must be those of this board's sensors, else PX4 ignores the set",
+            "the ids must be those of this board's sensors, otherwise PX4 ignores the set",
         ),
     )
 
@@ -132,7 +134,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         bias = np.array([known.get(f"{stem}{a}OFF", 0.0) for a in "XYZ"])
         scale = np.array([known.get(f"{stem}{a}SCALE", 1.0) for a in "XYZ"])
         if (scale == 0).any():
-            raise InputError(f"{stem}XSCALE … ZSCALE have a 0; they must be near 1")
+            raise InputError(f"{stem}XSCALE … ZSCALE contain a 0, but they must be near 1")
         powers = np.zeros((0, 3))
         if (thermal := _thermal_set(known, letter, known.get(f"{stem}ID"))) is not None:
             table = np.array(
@@ -148,8 +150,8 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         )
     if not triads:
         raise InputError(
-            f"no parameters CAL_ACC{n}_XOFF or CAL_GYRO{n}_XOFF: give parameters of PX4, or "
-            "another --set instance=…"
+            f"there are no parameters CAL_ACC{n}_XOFF or CAL_GYRO{n}_XOFF; give parameters of "
+            "PX4, or another --set instance=…"
         )
     return parameter_calibration("PX4", triads, references, "TREF")
 
@@ -174,8 +176,8 @@ def _parameters(text: str) -> dict[str, float]:
             known[words[2]] = float(words[3])
         except ValueError:
             raise InputError(
-                f"line {place} has not the five fields of QGroundControl's parameters: vehicle, "
-                "component, name, value, type",
+                f"line {place} does not have the five fields of QGroundControl's parameters "
+                "(vehicle, component, name, value, type)",
                 line=place,
             ) from None
     return known

@@ -64,7 +64,7 @@ def comments(lines: Sequence[str], mark: str) -> str:
 
 
 def with_comments(body: str) -> Callable[[Sequence[str]], str]:
-    """Return what writes a body below the explanation, in lines that begin with #."""
+    """Return a function that writes a body below the explanation in lines that begin with #."""
     return lambda header: comments(header, "#") + body
 
 
@@ -87,7 +87,7 @@ def needed(
 
 
 def require_aligned(model: ExportModel, target: str) -> None:
-    """Refuse axes that do not lie along the target's, where it has one number per axis.
+    """Refuse axes that are not along the target's, if it has only one number per axis.
 
     Raises
     ------
@@ -99,14 +99,14 @@ def require_aligned(model: ExportModel, target: str) -> None:
         if far.any():
             name = model.sensor.channels[triad.rows[int(np.flatnonzero(far)[0])]]
             raise InputError(
-                f"{target} takes channels along x, y and z of the frame; {name} lies along another "
-                "axis: give --axes, or state the axes in [sensor] in this order",
+                f"{target} needs channels along x, y and z of the frame, but {name} is along "
+                "another axis; give --axes, or state the axes in [sensor] in this order",
                 names=(name,),
             )
 
 
 def by_triad(model: ExportModel, corrections: Mapping[str, Correction]) -> Correction:
-    """Return the correction of all channels, of one for each kind; others stay as they are.
+    """Return the correction of all channels from one for each kind; others stay unchanged.
 
     Parameters
     ----------
@@ -170,6 +170,6 @@ def parameter_correction(
 
 
 def output_text(*triads: Triad) -> str:
-    """Return what a formula of the sensor's own output takes."""
+    """Return a text that says which output a formula takes."""
     units = " and ".join(dict.fromkeys(triad.unit for triad in triads))
     return f"readings as the sensor states them, in {units}"

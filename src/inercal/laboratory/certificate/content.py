@@ -1,4 +1,4 @@
-"""A certificate as data: every item of ISO/IEC 17025:2017, 7.8.2 and 7.8.4, once.
+"""A certificate as data, with every item of ISO/IEC 17025:2017, 7.8.2 and 7.8.4, stated once.
 
 PDF and DCC are both written from it.
 """
@@ -37,7 +37,7 @@ class CertificateChange:
     previous : str
         Number of the earlier certificate.
     previous_sha256 : str
-        Of its DCC.
+        SHA-256 of the earlier certificate's DCC.
     reason : str
     """
 
@@ -60,9 +60,9 @@ class Certificate:
     laboratory : LaboratoryFile
     job : JobSection
     results : tuple of ResultSet
-        One, or those before and after adjustment.
+        One set, or two: before and after adjustment.
     conformity : Conformity or None
-        Of the last results.
+        Judged from the last results.
     marks : tuple of str
         Keys of [mark] in the table of texts.
     change : CertificateChange
@@ -80,7 +80,7 @@ class Certificate:
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration that is certified."""
+        """The certified calibration."""
         return self.results[-1].calibration
 
     @property
@@ -102,7 +102,7 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False)
 class CertificateInput:
-    """All that a certificate is written from, except its number and the change it makes."""
+    """Everything a certificate is written from, except its number and the change it makes."""
 
     calibration: Calibration
     as_found: Calibration | None
@@ -131,13 +131,13 @@ def make_certificate(
     assert job.measured is not None  # `require_complete`
     assert last is not None
     for name, first, second in (
-        ("received", job.received, job.measured),
-        ("the date of issue", last, given.issued),
+        ("received is after measured", job.received, job.measured),
+        ("issued is before the last day of measured", last, given.issued),
     ):
         if first is not None and second < first:
             raise InputError(
                 f"[job] measured {job.measured} to {last}, received {job.received}, issued "
-                f"{given.issued}: {name} contradicts the others; correct it",
+                f"{given.issued}: these dates contradict each other ({name}); correct them",
                 key="[job] measured",
             )
     capability = laboratory.capability
@@ -174,8 +174,8 @@ def _require_uncertainty(calibration: Calibration) -> None:
     if not calibration.std.any():
         name = calibration.sensor.name
         raise InputError(
-            f"the calibration of {name} states no uncertainty, as one of inercal import; certify a "
-            "calibration that inercal estimated",
+            f"the calibration of {name} states no uncertainty (inercal import makes such "
+            "files); certify a calibration that inercal estimated",
             names=(name,),
         )
 
@@ -183,8 +183,8 @@ def _require_uncertainty(calibration: Calibration) -> None:
 def _require_same_sensor(first: Calibration, second: Calibration) -> None:
     if first.sensor.name != second.sensor.name:
         raise InputError(
-            f"--as-found is of {first.sensor.name}, the calibration of {second.sensor.name}; give "
-            "two calibrations of one sensor",
+            f"--as-found is a calibration of {first.sensor.name}, but the other one is of "
+            f"{second.sensor.name}; give two calibrations of the same sensor",
             key="--as-found",
             names=(first.sensor.name, second.sensor.name),
         )

@@ -1,4 +1,4 @@
-"""Elements of a DCC. Text is set as data, never pasted into XML."""
+"""Elements of a DCC; text is set through the XML library, never pasted into markup."""
 
 from collections.abc import Sequence
 from typing import Any

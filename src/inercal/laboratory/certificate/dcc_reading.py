@@ -1,4 +1,4 @@
-"""What a DCC of inercal states, read back from its XML."""
+"""Reads back what a DCC written by inercal states."""
 
 import base64
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class StatedResults:
     covariance : (p, p) array
     covariance_units : tuple of tuple of str
     calibration : Calibration
-        Of the attached file, whose hash is right.
+        From the attached file, after its hash was verified.
     """
 
     names: tuple[str, ...]
@@ -45,7 +45,7 @@ class StatedResults:
 
 @dataclass(frozen=True, eq=False)
 class StatedCertificate:
-    """Number and results of a DCC."""
+    """The number and the results that a DCC states."""
 
     number: str
     results: tuple[StatedResults, ...]
@@ -57,7 +57,7 @@ def read_dcc(document: bytes, source: str = "DCC") -> StatedCertificate:
     Raises
     ------
     InputError
-        Not XML, not a DCC, or one without the results that inercal writes.
+        The document is not XML, not a DCC, or lacks the results that inercal writes.
     """
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     try:
@@ -67,7 +67,9 @@ def read_dcc(document: bytes, source: str = "DCC") -> StatedCertificate:
     except InputError:
         raise
     except (etree.XMLSyntaxError, AttributeError, ValueError, KeyError) as error:
-        raise InputError(f"{source}: not a DCC of inercal: {error}", file=source) from None
+        raise InputError(
+            f"{source} is not a DCC written by inercal: {error}", file=source
+        ) from None
     return StatedCertificate(number, results)
 
 

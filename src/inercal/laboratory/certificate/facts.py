@@ -1,4 +1,4 @@
-"""What a certificate states in words, as pairs of name and text: the same for PDF and DCC."""
+"""The statements of a certificate as pairs of name and text, shared by PDF and DCC."""
 
 from itertools import chain
 
@@ -70,7 +70,7 @@ def _file_and_hash(calibration: Calibration, what: str) -> str:
 
 
 def results_title(texts: Texts, results: ResultSet) -> str:
-    """Return the title of results: before or after adjustment, where they are one of two."""
+    """Return the title of results, with "before" or "after adjustment" if there are two."""
     keys = {"beforeAdjustment": "results_before", "afterAdjustment": "results_after"}
     return texts.text(keys.get(results.status, "results"))
 
@@ -112,7 +112,7 @@ def _ranges(texts: Texts, calibration: Calibration) -> list[Fact]:
 
 
 def uncertainty_lines(certificate: Certificate) -> tuple[str, ...]:
-    """Return what U is."""
+    """Return the sentences that explain U."""
     texts, results = certificate.texts, certificate.results[-1]
     fields = {"k": f"{results.k:.2f}", "probability": f"{100 * COVERAGE_PROBABILITY:.2f} %"}
     if certificate.job.degrees_of_freedom is None:
@@ -127,7 +127,7 @@ def uncertainty_lines(certificate: Certificate) -> tuple[str, ...]:
 
 
 def rule_lines(certificate: Certificate) -> tuple[str, ...]:
-    """Return the decision rule with its risk, and the result of all limits; none without limits."""
+    """Return the decision rule with its risk and the overall result; empty without limits."""
     conformity, texts = certificate.conformity, certificate.texts
     if conformity is None:
         return ()
@@ -150,7 +150,7 @@ def rule_lines(certificate: Certificate) -> tuple[str, ...]:
 
 
 def verdict_lines(certificate: Certificate) -> tuple[str, ...]:
-    """Return what the tests say of the results: the grade with its reasons, and the notes."""
+    """Return the outcome of the statistical tests: the grade with its reasons, then the notes."""
     texts, calibration = certificate.texts, certificate.calibration
     verdict = calibration.verdict
     grade = texts.text(f"grade_{'none' if verdict is None else verdict.grade}")
@@ -163,7 +163,7 @@ def verdict_lines(certificate: Certificate) -> tuple[str, ...]:
 
 
 def change_lines(certificate: Certificate) -> tuple[str, ...]:
-    """Return which certificate this one changes, and why; none where it changes none."""
+    """Return which certificate this one changes, and why; empty if it changes none."""
     change, texts = certificate.change, certificate.texts
     if not change.kind:
         return ()
@@ -193,6 +193,6 @@ def statement_facts(certificate: Certificate) -> list[Statement]:
 
 
 def general_lines(texts: Texts) -> tuple[str, ...]:
-    """Return what every certificate says."""
+    """Return the statements that are on every certificate."""
     keys = ("only_items", "no_copy", "from_customer", "attached")
     return tuple(texts.text(key) for key in keys)

@@ -1,4 +1,4 @@
-"""The font of a certificate: typst's own, or a file for Chinese."""
+"""The font of a certificate: one that comes with typst, or a font file for Chinese."""
 
 import shutil
 import tempfile
@@ -18,16 +18,16 @@ _CHINESE_FONTS = tuple(
 
 
 def find_font(language: Language, font: Path | None) -> Path | None:
-    """Return the file of the font that a language needs; None for the fonts of typst.
+    """Return the font file that a language needs, or None if typst's own fonts are enough.
 
     Raises
     ------
     InputError
-        No Chinese font is given or installed, or the file does not exist.
+        The text is Chinese but no Chinese font is given or installed, or the file does not exist.
     """
     if font is not None:
         if not font.is_file():
-            raise InputError(f"--font {font}: no such file; check the path", key="--font")
+            raise InputError(f"--font {font}: there is no such file; check the path", key="--font")
         return font
     if language != "zh":
         return None
@@ -36,19 +36,19 @@ def find_font(language: Language, font: Path | None) -> Path | None:
             return path
     raise InputError(
         "a Chinese certificate needs a font with Chinese characters: install Debian's "
-        f"fonts-noto-cjk ({_CHINESE_FONTS[0]}), or name a font file by --font",
+        f"fonts-noto-cjk ({_CHINESE_FONTS[0]}), or give a font file with --font",
         key="--font",
     )
 
 
 @contextmanager
 def font_families(font: Path | None) -> Generator[tuple[list[str], list[str]]]:
-    """Yield the families to set text in, and the folders where typst finds them.
+    """Yield the font families for the text, and the folders where typst finds them.
 
     Raises
     ------
     InputError
-        The file is no font.
+        The file is not a font.
     """
     if font is None:
         yield [OWN_FONT], []
@@ -64,7 +64,7 @@ def font_families(font: Path | None) -> Generator[tuple[list[str], list[str]]]:
         ).families()
         if not found:
             raise InputError(
-                f"--font {font}: not a font; give a .ttf, .otf or .ttc file", key="--font"
+                f"--font {font} is not a font; give a .ttf, .otf or .ttc file", key="--font"
             )
         # Of a collection for several regions the simplified characters are those of the texts.
         simplified = [name for name in found if name.endswith(" SC") and "Mono" not in name]

@@ -1,7 +1,7 @@
-"""A certificate issued: number, files and register in one step.
+"""Issues a certificate: number, files and register entry in one step.
 
-The PDF is PDF/A-3b by typst, with the DCC and the calibration file attached. The date of issue is
-the document's date: the same certificate gives the same bytes.
+typst writes the PDF as PDF/A-3b, with the DCC and the calibration file attached. The document's
+date is the date of issue, so the same certificate gives the same bytes.
 """
 
 import json
@@ -44,7 +44,7 @@ class IssueOptions:
     key : SigningKey or None
     change : "", "amended" or "substituted"
     previous, reason : str
-        Number of the certificate that is changed, and why.
+        Number of the certificate to change, and why it is changed.
     """
 
     font: Path | None = None
@@ -66,7 +66,7 @@ def make_files(
     Raises
     ------
     InputError
-        What `make_certificate`, `find_font` and `write_pdf` refuse, or a DCC that contradicts the
+        As `make_certificate`, `find_font` and `write_pdf`, or the DCC does not conform to the
         schema.
     """
     font = find_font(given.language, options.font)
@@ -81,7 +81,7 @@ def make_files(
         dcc = sign_dcc(dcc, options.key)
     if options.schema is not None and (defects := schema_defects(dcc, options.schema)):
         raise InputError(
-            f"the DCC contradicts {options.schema}: {defects[0]}",
+            f"the DCC does not conform to {options.schema}: {defects[0]}",
             file=options.schema,
             key="--schema",
         )
@@ -99,7 +99,7 @@ def issue(
     Raises
     ------
     InputError
-        As `make_files`, or what the register refuses; no number is used then.
+        As `make_files`, or the register refuses the entry; the number is then not used.
     """
     series = given.laboratory.certificate_number or DEFAULT_SERIES
     require_series(series)
@@ -133,13 +133,13 @@ def write_pdf(
     font : Path or None
         A font file for characters that typst's own fonts lack.
     signed : bool
-        Whether the file will be signed by key
-        (`inercal.laboratory.certificate.signature.sign_pdf`), which the pages then say.
+        Whether the file will be signed electronically
+        (`inercal.laboratory.certificate.signature.sign_pdf`); the pages then say so.
 
     Raises
     ------
     InputError
-        A character that no font has, named, or a font that is none.
+        No font has one of the characters (the message names it), or the font file is not a font.
     """
     attached = {
         "dcc": dcc.decode(),
@@ -149,7 +149,7 @@ def write_pdf(
 
 
 def write_pdf_a1(certificate: Certificate, font: Path | None) -> bytes:
-    """Return the same pages as PDF/A-1b without attachments, which other validators know."""
+    """Return the same pages as PDF/A-1b without attachments, for validators that need that."""
     return _compile(certificate, {}, font, "a-1b")
 
 
@@ -186,9 +186,10 @@ def _refusal(message: str) -> InputError:
         character = missing[1][0]
         name = unicodedata.name(character, "a character without a name")
         return InputError(
-            f"no font of the certificate has {character!r} (U+{ord(character):04X}, {name}); name "
-            "a font file that has it by --font, or change the text",
+            f"the fonts of the certificate lack the character {character!r} "
+            f"(U+{ord(character):04X}, {name}); give a font file that contains it with --font, "
+            "or change the text",
             key="--font",
             names=(character,),
         )
-    return InputError(f"typst refuses the certificate: {message}")
+    return InputError(f"typst could not typeset the certificate: {message}")

@@ -1,4 +1,4 @@
-"""What the order contributes to a certificate: [job] of the run file, and a file that adds."""
+"""Reads the order's part of a certificate from [job] of the run file and an additional file."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,12 +30,12 @@ def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
     texts : mapping of str to str
         `Calibration.job`.
     path : Path, optional
-        A TOML file whose [job] adds keys, or replaces those of the calibration.
+        A TOML file whose [job] adds to or replaces the keys of the calibration.
 
     Raises
     ------
     InputError
-        The file cannot be read, has another section or key, or a date that is none.
+        The file cannot be read, or has an unknown section or key or an invalid date.
     """
     # Other texts of a calibration are those of its laboratory's file.
     stated: dict[str, object] = {
@@ -62,7 +62,7 @@ def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:
     Raises
     ------
     InputError
-        It names every key that is missing.
+        Items are missing; the message names every one.
     """
     of_job = [f"[job] {key}" for key in _OF_JOB if getattr(job, key) is None]
     procedure = job.procedure or laboratory.procedure
@@ -75,13 +75,13 @@ def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:
         places = ["[job] keys in the run file or in a file given by --job"] if of_job else []
         places += ["the laboratory's keys in the file given by --lab"] if of_laboratory else []
         raise InputError(
-            f"a certificate needs {', '.join(missing)}; state {', '.join(places)}",
+            f"the certificate still needs {', '.join(missing)}; state {', '.join(places)}",
             key=missing[0],
             names=missing,
         )
     if job.measured_until and job.measured and job.measured_until < job.measured:
         raise InputError(
-            f"[job] measured_until {job.measured_until} is before measured {job.measured}; correct "
-            "one of them",
+            f"[job] measured_until {job.measured_until} is before measured {job.measured}; "
+            "correct one of them",
             key="[job] measured_until",
         )

@@ -1,4 +1,4 @@
-"""Libraries of the extras, which ship types in part or none: their objects are `Any`."""
+"""Loads the libraries of the extras; few of them ship types, so their objects are `Any`."""
 
 from importlib import import_module
 from typing import Any

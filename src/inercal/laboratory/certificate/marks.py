@@ -1,6 +1,7 @@
-"""What a certificate is refused for, or marked with on every page.
+"""Decides why a certificate is refused or is marked on every page.
 
-The laboratory's [policy] says which. No option removes a mark: only another calibration does.
+The laboratory's [policy] decides between the two. No option removes a mark; only another
+calibration does.
 """
 
 from datetime import date
@@ -25,7 +26,7 @@ def certificate_marks(
     ----------
     laboratory : LaboratoryFile
     results : tuple of ResultSet
-        All that the certificate states; the worst of them counts.
+        All results that the certificate states; the worst one counts.
     measured : date
         Last day of the measurement.
     draft : bool
@@ -33,7 +34,7 @@ def certificate_marks(
     Raises
     ------
     InputError
-        The policy of the laboratory refuses it; a draft is marked instead.
+        The laboratory's policy refuses the certificate; a draft is marked instead.
     """
     policy = laboratory.policy
     marks: list[str] = ["draft"] if draft else []
@@ -41,7 +42,8 @@ def certificate_marks(
     def add(mark: str, action: Action, reason: str, key: str) -> None:
         if action == "refuse" and not draft:
             raise InputError(
-                f'{reason}; the laboratory\'s [policy] has {key} = "refuse"',
+                f"{reason}; the laboratory's [policy] refuses such certificates ({key} = "
+                '"refuse")',
                 key=f"[policy] {key}",
             )
         if mark not in marks:
@@ -56,24 +58,24 @@ def certificate_marks(
         if verdict is None:
             add("untested", policy.unreliable, f"{name} has no verdict", "unreliable")
         elif verdict.grade == "unreliable":
-            reason = f"{name} is not to be relied on: {'; '.join(verdict.reasons)}"
+            reason = f"the result for {name} is not to be relied on: {'; '.join(verdict.reasons)}"
             add("unreliable", policy.unreliable, reason, "unreliable")
         if is_doubtful(verdict):
             state = calibration.conditions.get(CHECK_STANDARD, "")
-            reason = f"the check standard makes {name} doubtful ({state})"
+            reason = f"the check standard makes the calibration of {name} doubtful ({state})"
             add("check_standard", policy.check_standard, reason, "check_standard")
         if outside := _outside(laboratory, one):
-            reason = f"{name} is outside the stated capability: {outside}"
+            reason = f"{name} is outside the laboratory's stated capability: {outside}"
             add("outside_capability", policy.outside_capability, reason, "outside_capability")
     for instrument in laboratory.instrument:
         if instrument.is_overdue(measured):
-            reason = f"instrument {instrument.name} was due on {instrument.due}"
+            reason = f"the calibration of instrument {instrument.name} was due on {instrument.due}"
             add("overdue", policy.overdue, reason, "overdue")
     return tuple(marks)
 
 
 def _outside(laboratory: LaboratoryFile, results: ResultSet) -> str:
-    """Return what the stated capability does not hold, in words; empty where it holds all."""
+    """Return what the stated capability does not hold, in words; empty if it holds all."""
     if laboratory.capability is None:
         return ""
     parts = list(names_of(results.rows))

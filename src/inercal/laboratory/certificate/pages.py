@@ -1,4 +1,4 @@
-"""A certificate as sections for the pages, JSON for the layout in `certificate.typ`."""
+"""Turns a certificate into the JSON sections that the layout `certificate.typ` prints."""
 
 import re
 from typing import Any, cast
@@ -33,11 +33,12 @@ def page_data(
     ----------
     certificate : Certificate
     fonts : list of str
-        Families, the first that has a character counts.
+        Font families; each character is set in the first one that has it.
     bookmarked : bool
         Whether headings are in the outline of the document.
     signed : bool
-        Whether the file will be signed by key; else there is a line for a signature by hand.
+        Whether the file will be signed electronically; otherwise the page has a line for a
+        handwritten signature.
     """
     texts, issued = certificate.texts, certificate.issued
     before, between, after = re.split(

@@ -5,8 +5,8 @@ distribution, 95.45 %; where the effective degrees of freedom ν are few, k = t(
 G.4). No U is below the capability of the laboratory (ILAC-P14:09/2020): where it would be, the
 covariance is scaled, V′ = D V D with D = max(1, U_CMC/U), which keeps all correlations.
 
-U has two significant digits, and the value ends with the same digit. Decimal numbers carry both to
-PDF and DCC, so that the two agree: in SI they are the rounded number times the size of the unit.
+U has two significant digits, and the value ends with the same digit. PDF and DCC both
+use these decimal numbers, so they agree; in SI they are the rounded number times the unit's size.
 """
 
 from collections.abc import Mapping, Sequence
@@ -60,7 +60,7 @@ class ResultRow:
     si : float
         SI size of the unit.
     raised : bool
-        Whether U is the capability of the laboratory.
+        Whether U was raised to the capability of the laboratory.
     outside : bool
         Whether the laboratory states no capability for it.
     """
@@ -96,9 +96,9 @@ class ResultSet:
     status : "", "beforeAdjustment" or "afterAdjustment"
     calibration : Calibration
     covariance : (p, p) array
-        SI, with the capability of the laboratory.
+        SI, raised to the capability of the laboratory.
     dof : float
-        Effective degrees of freedom; infinite where they are many.
+        Effective degrees of freedom; infinite if none are stated.
     k : float
         Coverage factor.
     rows : tuple of ResultRow
@@ -124,7 +124,7 @@ def make_results(
     ----------
     calibration : Calibration
     capability : mapping of str to float, or None
-        The smallest U, SI, by full name; None where the laboratory states no capability.
+        The smallest U, SI, by full name; None if the laboratory states no capability.
     dof : float
     status : str
     """
@@ -159,18 +159,18 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
     Raises
     ------
     InputError
-        A quantity that is none, or not positive, or a word that names no coefficient of any sensor.
-        Words for coefficients that this sensor lacks are passed over: the file serves all sensors.
+        A quantity is invalid or not positive, or a word names no coefficient of any sensor.
+        Coefficients that this sensor lacks are ignored, because the file serves all sensors.
     """
     found: dict[str, float] = {}
     for word, text in sorted(uncertainty.items(), key=lambda one: "." in one[0]):
         key = f"[capability.uncertainty] {word}"
         try:
-            select_coefficients(imu().axes, (CoefficientName(word).term,))
+            select_coefficients(imu().axes, [CoefficientName(word).term])
         except InputError as error:
             raise error.located(key, key=key) from None
         try:
-            named = select_coefficients(sensor.axes, (word,))
+            named = select_coefficients(sensor.axes, [word])
         except InputError:
             continue
         values: dict[str, float] = {}
@@ -192,10 +192,10 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
 def judge_results(results: ResultSet) -> Conformity | None:
     """Return the conformity by the limits of the calibration and the U of the certificate.
 
-    Limits that were judged by the U of the next use keep that judgement, with k = 2. Where the
-    capability of the laboratory raises the U of the session, that of the next use grows by the same
-    variance; the calibration file states the scatter between uses without its correlations, so that
-    the joint probability then takes it as uncorrelated.
+    Limits that were judged by the U of the next use keep that judgement, with k = 2. If the
+    capability of the laboratory raises the U of the session, the U of the next use grows by the
+    same variance. The calibration file states the scatter between uses without its correlations,
+    so the joint probability treats it as uncorrelated.
     """
     stated = results.calibration.conformity
     if stated is None:
@@ -236,8 +236,9 @@ def _conformity_dof(conformity: Conformity, dof: float) -> float:
 def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
     """Return the largest risk that a value on its acceptance limit is beyond the limit.
 
-    The guard band is w = factor · U: with the limit on one side alone the risk is that of the
-    tail beyond w, 2.28 % for w = 2u, 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2; ILAC-G8:09/2019).
+    The guard band is w = factor · U. With a limit on one side only, the risk is the
+        tail beyond w: 2.28 % for w = 2u, 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2;
+        ILAC-G8:09/2019).
     """
     dof = _conformity_dof(conformity, dof)
     guard = float(conformity.rule.guard(np.ones(()), dof))

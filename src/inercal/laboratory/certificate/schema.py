@@ -1,8 +1,8 @@
-"""Validation of a DCC by its XML schema, which the laboratory has: it does not come with inercal.
+"""Validates a DCC against its XML schema, which the laboratory supplies.
 
-The schema imports others by their addresses; they are read from its folder by their namespace, and
-nothing is fetched. XML signatures are not checked against a schema of their own: any content is
-accepted there, and `certificate verify` checks the signature itself.
+The schema imports others by address. They are found in its folder by their namespace; nothing is
+fetched from the network. The content of an XML signature is not validated here, because
+`certificate verify` checks the signature itself.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ _IMPORT = "{http://www.w3.org/2001/XMLSchema}import"
 
 
 def schema_defects(document: bytes, schema: Path) -> tuple[str, ...]:
-    """Return what contradicts the schema, a line each; empty for a valid document.
+    """Return the violations of the schema, one line each; empty for a valid document.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def _read_schema(path: Path) -> Any:
             one.set("schemaLocation", imported[namespace])
         else:
             raise InputError(
-                f"--schema {path}: it imports {namespace}, whose schema is not in {path.parent}; "
-                "put it there",
+                f"--schema {path} imports {namespace}, but the schema for it is not in "
+                f"{path.parent}; put it there",
                 file=path,
                 key="--schema",
             )
@@ -79,7 +79,7 @@ def _read_xml(path: Path) -> Any:
         return etree.fromstring(path.read_bytes(), _parser())
     except (OSError, etree.XMLSyntaxError) as error:
         raise InputError(
-            f"--schema {path}: no schema can be read there: {error}; give the file dcc.xsd",
+            f"--schema {path} cannot be read as a schema: {error}; give the file dcc.xsd",
             file=path,
             key="--schema",
         ) from None
@@ -91,7 +91,7 @@ class _Resolver(etree.Resolver):
     signature = "inercal:signature"
 
     def resolve(self, system_url: str, public_id: str, context: Any) -> Any:
-        """Return the stub for its address."""
+        """Return the stub schema for the address of XML signatures."""
         if system_url == self.signature:
             return self.resolve_string(_SIGNATURE_STUB, context)
         return None

@@ -1,7 +1,7 @@
 """Signatures with the laboratory's key: PAdES of the PDF (B-B), XAdES of the DCC (enveloped).
 
-The key is read from a PKCS#12 file for one certificate, and kept nowhere. A time stamp (B-T) needs
-a service on the network and is not made.
+The key is read from a PKCS#12 file for each certificate and is never stored. There is no time
+stamp (B-T), because that needs a service on the network.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _FIELD = "inercal_certificate"
 
 @dataclass(frozen=True, eq=False)
 class SigningKey:
-    """A key with its certificate and the chain of that.
+    """A key with its certificate and that certificate's chain.
 
     Parameters
     ----------
@@ -57,13 +57,15 @@ def read_signing_key(path: Path, passphrase: str) -> SigningKey:
         key, certificate, chain = pkcs12.load_key_and_certificates(content, passphrase.encode())
     except ValueError as error:
         raise InputError(
-            f"--sign {path}: not a PKCS#12 file with this passphrase: {error}",
+            f"--sign {path} is not a PKCS#12 file, or the passphrase is wrong: {error}",
             file=path,
             key="--sign",
         ) from None
     if key is None or certificate is None:
         raise InputError(
-            f"--sign {path}: it holds no key with its certificate", file=path, key="--sign"
+            f"--sign {path} does not contain a key together with its certificate",
+            file=path,
+            key="--sign",
         )
     return SigningKey(key, certificate, tuple(chain), content, passphrase.encode())
 
@@ -83,14 +85,14 @@ def sign_pdf(document: bytes, key: SigningKey) -> bytes:
     Raises
     ------
     InputError
-        The key cannot sign.
+        The key cannot sign a PDF.
     """
     signers = signature_library("pyhanko.sign.signers")
     pades = signature_library("pyhanko.sign.fields").SigSeedSubFilter.PADES
     writer = signature_library("pyhanko.pdf_utils.incremental_writer").IncrementalPdfFileWriter
     signer = signers.SimpleSigner.load_pkcs12_data(key.content, (), key.passphrase)
     if signer is None:
-        raise InputError("--sign: this kind of key cannot sign a PDF; give an RSA or ECDSA key")
+        raise InputError("--sign: a key of this kind cannot sign a PDF; give an RSA or ECDSA key")
     metadata = signers.PdfSignatureMetadata(
         field_name=_FIELD, subfilter=pades, md_algorithm="sha256"
     )

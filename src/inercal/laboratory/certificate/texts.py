@@ -12,7 +12,7 @@ LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 @dataclass(frozen=True)
 class Texts:
-    """Texts of one language."""
+    """The texts of a certificate in one language."""
 
     language: Language
 
@@ -21,7 +21,7 @@ class Texts:
         return str(text_table()["text"][key][self.language]).format(**fields)
 
     def word(self, section: str, key: str) -> str:
-        """Return a word of a section by the word that inercal uses; unknown ones stay."""
+        """Return the translation of a word that inercal uses; unknown words stay unchanged."""
         entry = text_table()[section].get(key)
         return key if entry is None else str(entry[self.language])
 

@@ -33,7 +33,7 @@ class Check:
     ----------
     name : str
     passed : bool or None
-        None where it could not be made.
+        None if it could not be made.
     text : str
         What was found.
     vouches : bool
@@ -122,7 +122,7 @@ def _readable(path: Path) -> Generator[None]:
         raise
     except Exception as error:  # damaged bytes raise errors of many kinds
         raise InputError(
-            f"{path}: a PDF without an attached DCC, or a damaged one: {error}; get the file again",
+            f"{path}: this PDF has no attached DCC, or it is damaged: {error}; get the file again",
             file=path,
         ) from None
 
@@ -133,7 +133,10 @@ def _attached_dcc(content: bytes, path: Path) -> bytes:
     listed = list(_name_tree(names))
     found = [file["/EF"]["/F"].data for name, file in listed if name.endswith(".xml")]
     if len(found) != 1:
-        raise InputError(f"{path}: a PDF with {len(found)} attached DCCs, not one", file=path)
+        raise InputError(
+            f"{path}: this PDF has {len(found)} attached DCCs, but a certificate has exactly one",
+            file=path,
+        )
     return bytes(found[0])
 
 
@@ -164,16 +167,25 @@ def _pdf_signature(content: bytes, trusted: bytes | None) -> Check:
     covers_all = str(status.coverage).endswith("ENTIRE_FILE")
     subject = str(embedded.signer_cert.subject.human_friendly)
     if not (status.intact and status.valid and covers_all):
-        return Check(name, False, f"{subject}: the file was changed after it was signed")
+        return Check(name, False, f"the file was changed after {subject} signed it")
     return _trust_check(name, subject, trusted, bool(status.trusted))
 
 
 def _trust_check(name: str, subject: str, trusted: bytes | None, leads: bool) -> Check:
     if trusted is None:
-        return Check(name, True, f"intact, by {subject}; name whom to trust by --trust")
+        return Check(
+            name,
+            True,
+            f"intact, signed by {subject}, who was not checked; name the certificates you "
+            "trust with --trust",
+        )
     if not leads:
-        return Check(name, False, f"intact, but {subject} does not lead to the trusted certificate")
-    return Check(name, True, f"intact, by {subject}, trusted", vouches=True)
+        return Check(
+            name,
+            False,
+            f"intact, but the certificate of {subject} does not lead to the one you trust",
+        )
+    return Check(name, True, f"intact, signed by {subject}, trusted", vouches=True)
 
 
 def _certificates(pem: bytes) -> list[Any]:
@@ -187,7 +199,9 @@ def _load_pem(pem: bytes) -> list[Any]:
     try:
         return list(signature_library("cryptography.x509").load_pem_x509_certificates(pem))
     except ValueError as error:
-        raise InputError(f"--trust: no certificate in PEM: {error}", key="--trust") from None
+        raise InputError(
+            f"--trust: the file contains no certificate in PEM format: {error}", key="--trust"
+        ) from None
 
 
 def _dcc_signature(document: bytes, trusted: bytes | None) -> Check:
@@ -214,7 +228,7 @@ def _dcc_signature(document: bytes, trusted: bytes | None) -> Check:
     ) as error:
         return Check(name, False, f"the DCC was changed after it was signed: {error}")
     if signed is None or signed.tag != root.tag:
-        return Check(name, False, "the signature is of a part of the DCC")
+        return Check(name, False, "the signature covers only a part of the DCC")
     subject = str(own.subject.rfc4514_string())
     leads = trusted is not None and _leads_to(der, chain, trusted)
     return _trust_check(name, subject, trusted, leads)
@@ -242,10 +256,12 @@ def _agreement(stated: StatedResults, number: int) -> Check:
     calibration = stated.calibration
     names = tuple(map(list_label, calibration.sensor.coefficients))
     if stated.names != names or not np.array_equal(stated.full_value, calibration.values):
-        return Check(name, False, "coefficients differ from the attached calibration file")
+        return Check(
+            name, False, "the coefficients differ from those in the attached calibration file"
+        )
     std = np.sqrt(np.diag(stated.covariance))
     if np.any(std < calibration.std * (1 - 1e-9)):
-        return Check(name, False, "covariance below that of the attached calibration file")
+        return Check(name, False, "the covariance is smaller than in the attached calibration file")
     for k, coefficient in enumerate(calibration.sensor.coefficients):
         si = calibration.sensor.coefficient(coefficient).si
         full = stated.k[k] * std[k] / si
@@ -254,7 +270,11 @@ def _agreement(stated: StatedResults, number: int) -> Check:
         for text, each in zip(shown, both, strict=True):
             # k is printed with two decimals, which U may show where its digit is on the edge.
             if abs(float(text) - each) > max(1e-9 * abs(each), 0.051 * both[1]):
-                return Check(name, False, f"{coefficient} is not the rounded result")
+                return Check(
+                    name,
+                    False,
+                    f"the value or U stated for {coefficient} is not the rounded result",
+                )
     return Check(name, True, "rounded results, covariance and calibration file agree")
 
 

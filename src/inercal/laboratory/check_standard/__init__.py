@@ -1,8 +1,7 @@
-"""A check standard: a sensor that is measured before each job, and the control charts of it.
+"""A check standard, which is a sensor measured before each job, and its control charts.
 
-The sensor is known from its first days, the reference. A later day is compared with it: the bench
-is in control where the sensor reads what it read then, within its noise and its scatter from day
-to day.
+The first days of the sensor are the reference, and each later day is compared with it. The bench is
+in control if the sensor still reads what it read then, within its noise and its day-to-day scatter.
 """
 
 from inercal.laboratory.check_standard.charts import (

@@ -14,31 +14,32 @@ SCHEMA = "inercal/control/bench/1"
 
 
 def bench_lines(found: BenchCharts) -> list[str]:
-    """Return what the charts say, the gravest first."""
+    """Return what the charts say, the most serious first."""
     out = sum(not one.in_control for one in found.points)
     if not found.points:
-        lines = ["no day after the reference: nothing is charted yet"]
+        lines = ["no day has been charted yet, because all days so far belong to the reference"]
     elif out:
         word = "in control" if found.in_control else "out of control"
         days = format_count(len(found.points), "day")
-        lines = [f"{word} on {day(found.points[-1].measured)}; {out} of {days} signal"]
+        lines = [f"{word} on {day(found.points[-1].measured)}; {out} of {days} gave a signal"]
     else:
-        lines = [f"in control: none of {format_count(len(found.points), 'day')} signals"]
+        lines = [f"in control: no signal on {format_count(len(found.points), 'day')}"]
     lines += [doubtful_text(one) for one in found.episodes]
     lines.append(
-        f"in control all charts together signal falsely once in {found.run_length:.0f} days or "
-        f"more, each of {2 * len(found.charts)} in {found.single_run_length:.0f}"
+        "while the bench is in control, a false alarm from any of the charts is expected once "
+        f"in {found.run_length:.0f} days or more (for each of the {2 * len(found.charts)} "
+        f"charts, once in {found.single_run_length:.0f} days)"
     )
     if found.too_few:
         named = ", ".join(
             f"{name} ({format_count(count, 'day')})" for name, count in found.too_few.items()
         )
-        lines.append(f"not charted, with fewer days than the reference: {named}")
+        lines.append(f"not charted, because they have fewer days than the reference: {named}")
     return lines
 
 
 def day_signals(found: BenchCharts) -> list[tuple[str, str]]:
-    """Return the days that are out of control, and the charts that signal."""
+    """Return the days that are out of control, each with the charts that signal."""
     return [
         (day(one.measured), "; ".join(signal_text(*part) for part in one.signals.items()))
         for one in found.points
@@ -87,7 +88,7 @@ def bench_charts_object(found: BenchCharts) -> dict[str, Any]:
 
 
 def newest_statistics(found: BenchCharts) -> list[tuple[str, ...]]:
-    """Return of each parameter its largest |z|, and |EWMA| or CUSUM, with their limits."""
+    """Return the largest |z| and |EWMA| or CUSUM of each parameter, with their limits."""
     rows: list[tuple[str, ...]] = []
     for one in found.charts:
         later = slice(one.reference_days, None)

@@ -1,15 +1,15 @@
-"""Control charts of a bench by the estimates of its own runs, without a check standard.
+"""Control charts of a bench from the estimates of its own runs, without a check standard.
 
-Each parameter that runs show (`inercal.calibration.bench_estimates`) has a Shewhart and an EWMA or
-CUSUM chart of its own, for runs of other methods show other parameters. Of a day's runs the
-weighted mean is a point, with own variance s² and the scatter τ² from day to day of the reference,
-the first m days that have the parameter::
+Each parameter that runs determine (`inercal.calibration.bench_estimates`) has its own Shewhart and
+EWMA or CUSUM chart, because runs of different methods determine different parameters. The weighted
+mean of a day's runs is one point, with its own variance s² and the day-to-day scatter τ² of the
+reference, which is the first m days that have the parameter::
 
     z = (q' − μ)/√(τ² + s² + u²(μ)),   μ = Σ w q'/Σ w,   w = 1/(τ² + s²),   u²(μ) = 1/Σ w
 
-τ² by restricted likelihood; the limits take Student's t of m − 1. What runs share by other
-parameters of the bench is the same on all days and cancels in q' − μ, as long as these are not
-determined anew.
+τ² is estimated by restricted likelihood; the limits use Student's t with m − 1 degrees of freedom.
+Errors that the runs share through other parameters of the bench are the same on all days and cancel
+in q' − μ, as long as these parameters are not determined anew.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ _KINDS = 2  # Shewhart, and EWMA or CUSUM
 
 @dataclass(frozen=True)
 class ChartedRun:
-    """The bench estimates of a run: its label, when it was measured, ISO 8601, and its day."""
+    """The bench estimates of a run, with its label and the time of measurement (ISO 8601)."""
 
     label: str
     measured: str
@@ -53,7 +53,7 @@ class ChartedRun:
 
     @property
     def day(self) -> str:
-        """ISO 8601."""
+        """Day of the measurement, ISO 8601."""
         return self.measured.partition("T")[0]
 
 
@@ -73,7 +73,7 @@ class ParameterChart:
     mean, mean_std, scatter : float
         μ, u(μ) and τ.
     shewhart, lasting : (n,) arrays
-        z of all days, and the EWMA or CUSUM, 0 in the reference.
+        z of all days, and the EWMA or CUSUM, which is 0 in the reference.
     shewhart_limit, lasting_limit : float
     lasting_kind : "EWMA" or "CUSUM"
     """
@@ -108,7 +108,7 @@ class ParameterChart:
 
 @dataclass(frozen=True)
 class BenchDay:
-    """A day after the reference of a parameter: its last run, and what signals by chart."""
+    """A day after the reference of a parameter: its last run, and the signals by chart."""
 
     measured: str
     signals: dict[ChartKind, tuple[str, ...]]
@@ -129,7 +129,7 @@ class BenchCharts:
     runs : tuple of ChartedRun
     charts : tuple of ParameterChart
     too_few : mapping of str to int
-        Days of the parameters that have fewer than the reference.
+        Number of days of each parameter that has fewer than the reference needs.
     run_length : float
         In-control run length of all charts together, in days.
     """
@@ -166,12 +166,12 @@ class BenchCharts:
 
     @property
     def in_control(self) -> bool:
-        """Whether the last day is in control; with no day after the reference it is."""
+        """Whether the last day is in control; true if there is no day after the reference."""
         return not self.points or self.points[-1].in_control
 
     @property
     def episodes(self) -> tuple[Episode, ...]:
-        """The times in which the bench is doubtful, the first first."""
+        """The periods in which the bench is doubtful, oldest first."""
         first = min(one.days[one.reference_days - 1] for one in self.charts)
         days = [(one.measured, one.measured, one.in_control) for one in self.points]
         return doubtful_episodes(first, days)
@@ -195,25 +195,26 @@ def bench_charts(
     runs : sequence of ChartedRun
         In the order of time.
     reference : int
-        How many days are the reference of each parameter.
+        Number of days that form the reference of each parameter.
     run_length : float
         In-control run length of all charts together, in days.
     restarts : sequence of str
-        Times of corrective actions, ISO 8601: after them EWMA or CUSUM begins anew.
+        Times of corrective actions, ISO 8601, after which the EWMA or CUSUM restarts.
     lasting : "EWMA" or "CUSUM"
-        Chart of small lasting changes.
+        Chart that detects small lasting changes.
 
     Raises
     ------
     InputError
-        No parameter has the days of a reference, or a setting that is not possible.
+        No parameter has enough days for the reference, or a setting is not possible.
     """
     require_settings(reference, run_length)
     names = list(dict.fromkeys(one.name for run in runs for one in run.bench_estimates))
     if not names:
         raise InputError(
-            f"bench {bench}: none of {len(runs)} calibrations states bench estimates; its "
-            "data show no parameter of the bench, or the files are older: calibrate again",
+            f"bench {bench}: none of {len(runs)} calibrations states bench estimates, because "
+            "their data do not determine any parameter of the bench or the files are older "
+            "than this feature; calibrate again",
             names=(bench,),
         )
     days = {name: _days_of(name, runs) for name in names}
@@ -222,8 +223,8 @@ def bench_charts(
     if not enough:
         most = max(too_few.values())
         raise InputError(
-            f"bench {bench}: {format_count(most, 'day')} with bench estimates, and the reference "
-            f"takes {reference}: give a shorter --reference, {LEAST_DAYS} at least",
+            f"bench {bench}: {format_count(most, 'day')} with bench estimates, but the reference "
+            f"needs {reference}; give a shorter --reference ({LEAST_DAYS} at least)",
             key="--reference",
         )
     single = run_length * _KINDS * len(enough)

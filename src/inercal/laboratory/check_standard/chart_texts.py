@@ -19,52 +19,58 @@ def day(time: str) -> str:
 
 
 def signal_text(kind: ChartKind, names: tuple[str, ...]) -> str:
-    """Return a chart that signals, with its coefficients."""
+    """Return the name of a chart that signals, with its coefficients."""
     return f"{kind} of {', '.join(names)}" if names else kind
 
 
 def episode_text(one: Episode) -> str:
-    """Return the time in which the bench is doubtful."""
+    """Return the period in which the bench is doubtful."""
     until = "now" if one.until is None else day(one.until)
     return f"from {day(one.since)} to {until}"
 
 
 def doubtful_text(one: Episode) -> str:
-    """Return what an episode means."""
-    return f"the bench is doubtful {episode_text(one)}: all sensors that were calibrated on it then"
+    """Return a sentence that explains what an episode means."""
+    return (
+        f"the bench is doubtful {episode_text(one)}, and so are all sensors calibrated on it in "
+        "that time"
+    )
 
 
 def control_lines(found: ControlCharts) -> list[str]:
-    """Return what the charts say, the gravest first."""
+    """Return what the charts say, the most serious first."""
     out = sum(not one.in_control for one in found.points)
     lines: list[str] = []
     if not found.points:
-        lines.append("no day after the reference: nothing is charted yet")
+        lines.append("no day has been charted yet, because all days so far belong to the reference")
     elif out:
         word = "in control" if found.in_control else "out of control"
         days = format_count(len(found.points), "day")
-        lines.append(f"{word} on {day(found.points[-1].last)}; {out} of {days} signal")
+        lines.append(f"{word} on {day(found.points[-1].last)}; {out} of {days} gave a signal")
     else:
-        lines.append(f"in control: none of {format_count(len(found.points), 'day')} signals")
+        lines.append(f"in control: no signal on {format_count(len(found.points), 'day')}")
     lines += [doubtful_text(one) for one in found.episodes]
     lines += [
-        f"{label} lies apart from the rest of the reference (p = {p:.1g} that it does so by "
-        "chance): leave it out, if its cause is known"
+        f"{label} is an outlier in the reference (p = {p:.1g}); leave it out if you know the cause"
         for label, p in outlier_sessions(found.fit, "bench").items()
     ]
     limits = found.limits
     lines.append(
-        f"in control all charts together signal falsely once in {limits.run_length:.0f} days or "
-        f"more: T² and MEWMA in {limits.joint_run_length:.0f} each, the charts of a coefficient in "
-        f"{limits.single_run_length:.0f} each"
+        "while the bench is in control, a false alarm from any of the charts is expected once "
+        f"in {limits.run_length:.0f} days or more (T² and MEWMA: once in "
+        f"{limits.joint_run_length:.0f} days each; each chart of one coefficient: once in "
+        f"{limits.single_run_length:.0f} days)"
     )
     if found.matched.unstated:
         lines.append(
             f"{format_count(len(found.matched.unstated), 'session does', 'sessions do')} not state "
-            "what calibrations share: all of their uncertainty is taken as shared"
+            "which errors calibrations share, so all of their uncertainty is treated as shared"
         )
     if found.matched.left_out:
-        lines.append(f"not in all sessions, or fixed: {', '.join(found.matched.left_out)}")
+        lines.append(
+            "not charted, because not all sessions estimated them: "
+            f"{', '.join(found.matched.left_out)}"
+        )
     return lines
 
 

@@ -1,9 +1,9 @@
-"""The main path: sessions of a check standard, to its control charts and what they say.
+"""The main path from the sessions of a check standard to its control charts.
 
-The first m days are the reference: their mean, and their scatter by components of known shape
-(`repeatability`). The limits take Student's t and F of the reference's degrees of freedom, and the
-error of its mean: for one coefficient t_{m−1} S √(1 + 1/m) of the field's books, here pooled over
-like axes.
+The first m days are the reference, which gives the mean and the scatter, in components of known
+shape (`repeatability`). The limits use Student's t and F with the degrees of freedom of the
+reference, and include the error of its mean: for one coefficient this is the textbook's
+t_{m−1} S √(1 + 1/m), here pooled over like axes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -40,7 +40,7 @@ RUN_LENGTH = 370.0
 
 @dataclass(frozen=True, eq=False)
 class CheckedSession:
-    """A session of the check standard, and when it was measured, ISO 8601."""
+    """A session of the check standard and the time of its measurement, ISO 8601."""
 
     session: RepeatedSession
     measured: str
@@ -57,7 +57,7 @@ class CheckPoint:
     labels : tuple of str
         Its sessions.
     signals : mapping of ChartKind to tuple of str
-        The charts that signal, with their coefficients; none for T² and MEWMA.
+        The charts that signal, with their coefficients; T² and MEWMA name no coefficients.
     """
 
     first: str
@@ -73,21 +73,21 @@ class CheckPoint:
 
 @dataclass(frozen=True)
 class Episode:
-    """A time in which the bench is doubtful.
+    """A period in which the bench is doubtful.
 
     Parameters
     ----------
     since : str
-        Last session in control before it, ISO 8601.
+        Last session in control before the period, ISO 8601.
     until : str or None
-        First session in control after it; None while there is none.
+        First session in control after the period; None as long as there is none.
     """
 
     since: str
     until: str | None
 
     def holds(self, time: str) -> bool:
-        """Whether a time, ISO 8601, lies in it."""
+        """Tell whether a time, ISO 8601, lies in the period."""
         return self.since < time and (self.until is None or time < self.until)
 
 
@@ -99,10 +99,10 @@ class ControlCharts:
     ----------
     matched : MatchedSessions
     fit : SessionFit
-        Of the reference.
+        Fit of the reference.
     sessions : tuple of CheckedSession
     days : DayPoints
-        Those of the reference, too.
+        All days, those of the reference included.
     reference_days : int
     limits : ChartLimits
     values : ChartValues
@@ -137,12 +137,12 @@ class ControlCharts:
 
     @property
     def in_control(self) -> bool:
-        """Whether the last day is in control; with no day after the reference it is."""
+        """Whether the last day is in control; true if there is no day after the reference."""
         return not self.points or self.points[-1].in_control
 
     @property
     def episodes(self) -> tuple[Episode, ...]:
-        """The times in which the bench is doubtful, the first first."""
+        """The periods in which the bench is doubtful, oldest first."""
         days = [(one.first, one.last, one.in_control) for one in self.points]
         return doubtful_episodes(self.reference_end, days)
 
@@ -186,19 +186,19 @@ def control_charts(
     sessions : sequence of CheckedSession
         In the order of time.
     reference : int
-        How many days are the reference.
+        Number of days that form the reference.
     run_length : float
         In-control run length of all charts together, in days.
     restarts : sequence of str
-        Times of corrective actions, ISO 8601: after them EWMA and MEWMA begin anew.
+        Times of corrective actions, ISO 8601, after which EWMA and MEWMA restart.
     lasting : "EWMA" or "CUSUM"
-        Chart of small lasting changes of each coefficient.
+        Chart that detects small lasting changes of each coefficient.
 
     Raises
     ------
     InputError
-        Calibrations that cannot be compared, a reference too short or longer than the sessions, or
-        a run length that is not possible.
+        The calibrations cannot be compared, the reference is too short or longer than the
+        sessions, or the run length is not possible.
     """
     require_settings(reference, run_length)
     matched = match_sessions([one.session for one in sessions])
@@ -206,12 +206,12 @@ def control_charts(
     days = int(level.max()) + 1
     if days < reference:
         raise InputError(
-            f"{format_count(days, 'day')} of the check standard, and the reference takes "
-            f"{reference}: measure it on more days, or give a shorter --reference",
+            f"the check standard has {format_count(days, 'day')}, but the reference needs "
+            f"{reference}; measure it on more days, or give a shorter --reference",
             key="--reference",
         )
     if np.any(np.diff(level) < 0):
-        raise InputError("the sessions of a day must follow one another: sort them by time")
+        raise InputError("the sessions of a day must follow one another; sort them by time")
     chosen = np.flatnonzero(level < reference).tolist()
     first = matched.subset(chosen)
     fit = fit_sessions(first, named_effects(first, "bench"))
@@ -244,17 +244,19 @@ def require_settings(reference: int, run_length: float) -> None:
     """
     if reference < LEAST_DAYS:
         raise InputError(
-            f"--reference {reference}: the scatter of a reference shows from {LEAST_DAYS} days on",
+            f"--reference {reference} is too short; the scatter can be estimated from "
+            f"{LEAST_DAYS} days or more",
             key="--reference",
         )
     if not 10 <= run_length <= 1e6:
         raise InputError(
-            f"--run-length {run_length:g}: give 10 to 1000000 days", key="--run-length"
+            f"--run-length {run_length:g} is not possible; give 10 to 1000000 days",
+            key="--run-length",
         )
 
 
 def first_after(times: Sequence[str], time: str) -> int:
-    """Return the place of the first of sorted times at or after another; their count for none."""
+    """Return the index of the first of the sorted times that is not before `time`."""
     return next((k for k, one in enumerate(times) if one >= time), len(times))
 
 

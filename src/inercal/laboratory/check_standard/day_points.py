@@ -1,14 +1,15 @@
-"""The sessions of each day as one point: a mean, with its covariance and that of the reference.
+"""Combines the sessions of each day into one point: their mean with its covariance.
 
-Sessions of one day are not independent: each of them charted, four a day with half of their
-variance in common, an EWMA of an in-control run length of 385 has one of 59. The mean of a day's n
-sessions has the covariance::
+Sessions of one day are not independent. If each were charted (four a day, half of their variance in
+common), an EWMA designed for an in-control run length of 385 would have one of only 59. The mean of
+a day's n sessions has the covariance::
 
     V = Σ C_own/n² + Σ_c σ_c² K_c Σ_levels (n_l/n)²
 
-with the components σ_c² K_c of the reference, n_l of the sessions being of a level of c. The
-reference mean μ̂ has A⁻¹. What sessions share cancels in the difference to μ̂ where the determination
-is the same; else the difference of the columns, squared, belongs to it.
+with the components σ_c² K_c of the reference, where n_l sessions belong to level l of c. The
+reference mean μ̂ has the covariance A⁻¹. Errors that the sessions share cancel in the difference to
+μ̂ if they come from the same determination; otherwise the squared difference of their columns is
+added.
 """
 
 from dataclasses import dataclass
@@ -25,16 +26,16 @@ _WHICH: dict[LevelName, int] = {"mount": 1, "turn-on": 2}
 
 @dataclass(frozen=True, eq=False)
 class DayPoints:
-    """n days of p coefficients, in units of the fit.
+    """The points of n days with p coefficients, in units of the fit.
 
     Parameters
     ----------
     sessions : tuple of tuple of int
         The sessions of each day.
     difference : (n, p) array
-        To the reference.
+        Difference from the reference.
     point, reference : (n, p, p) arrays
-        Covariance of the point, and of the reference with what only one of both shares.
+        Covariance of the point, and of the reference including errors that only one of the two has.
     """
 
     sessions: tuple[tuple[int, ...], ...]
@@ -57,7 +58,7 @@ def day_points(
     reference : list of int
         Its sessions.
     widening : (p,) array
-        By which the standard deviation of the scatter of each coefficient is enlarged.
+        Factor that enlarges the standard deviation of each coefficient's scatter.
     """
     unit = fit.unit
     values, square = matched.values / unit, np.outer(unit, unit)

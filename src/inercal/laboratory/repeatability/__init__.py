@@ -1,7 +1,7 @@
-"""What several calibrations of one sensor say together: its mean, and its next use.
+"""Combines several calibrations of one sensor: its mean, and the uncertainty of its next use.
 
-The U of one session holds its noise and its bench. A sensor also scatters from day to day, from
-mounting to mounting and from power cycle to power cycle: only repeated sessions show that.
+The U of one session includes its noise and its bench. A sensor also scatters from day to day, from
+mounting to mounting and from power cycle to power cycle, which only repeated sessions can show.
 """
 
 from inercal.laboratory.repeatability.effects import Owner, Scope

@@ -89,8 +89,8 @@ def next_use_calibration(found: Repeatability) -> Calibration:
         conditions=last.conditions,
         provenance=origin() | {"sessions": ", ".join(sessions)},
         notes=(
-            f"mean of {format_count(len(sessions), 'session')}; U is that of the next use, on "
-            f"another {found.scope}, and includes what the sessions share",
+            f"mean of {format_count(len(sessions), 'session')}; U is for the next use on another "
+            f"{found.scope} and includes the errors that the sessions share",
             *found.findings,
         ),
         frame=last.frame,

@@ -178,14 +178,15 @@ def repeat(
     days, turn_ons = int(matched.level(0).max()) + 1, int(matched.level(2).max()) + 1
     if scope == "day" and days < 2:
         raise InputError(
-            "all sessions are of one day: they do not show how the sensor scatters from day to "
-            "day; give sessions of other days, or state the next turn-on of a day (--next turn-on)",
+            "all sessions are from one day, so they cannot show how the sensor scatters from "
+            "day to day; add sessions from other days, or ask for the next turn-on on the same "
+            "day (--next turn-on)",
             key="--next",
         )
     if scope == "turn-on" and turn_ons < 2:
         raise InputError(
-            "all sessions are of one turn-on: they do not show how the sensor scatters; give "
-            "sessions after other turn-ons",
+            "all sessions are from one turn-on, so they cannot show how the sensor scatters; "
+            "add sessions after other turn-ons",
             key="--next",
         )
     effects = named_effects(matched, mount_owner)
@@ -315,7 +316,7 @@ def required_sessions(noise_ratio: float, similar: int, relative: float = RELATI
 
 
 def noise_ratio(found: Repeatability, one: ScatterComponent) -> float:
-    """Return λ of a component; infinite where no scatter was found."""
+    """Return λ of a component; infinite if no scatter was found."""
     places = list(one.effect.places)
     own = np.diagonal(found.matched.own, axis1=1, axis2=2)[:, places].mean()
     shape = one.effect.effect.shape[places]
@@ -324,7 +325,7 @@ def noise_ratio(found: Repeatability, one: ScatterComponent) -> float:
 
 
 def advice_lines(found: Repeatability) -> list[str]:
-    """Return what would make the scatter better known."""
+    """Return what would determine the scatter better."""
     lines: list[str] = []
     for number, one in enumerate(found.components):
         if number in found.fit.unseen:
@@ -333,10 +334,13 @@ def advice_lines(found: Repeatability) -> list[str]:
         if one.sd == 0:
             lines.append(f"{what}: the sessions scatter no more than their uncertainties explain")
         elif ratio > _LONGEST:
-            lines.append(f"{what}: longer sessions show it better than further ones do")
+            lines.append(
+                f"{what}: longer sessions would determine this scatter better than more sessions"
+            )
         elif (needed := required_sessions(ratio, one.effect.similar)) > one.effect.effect.levels:
             lines.append(
-                f"{what}: a standard deviation within {100 * RELATIVE:.0f} % takes {needed} "
-                f"{_PLURAL[one.effect.level]}; there are {one.effect.effect.levels}"
+                f"{what}: {needed} {_PLURAL[one.effect.level]} are needed to know the standard "
+                f"deviation within {100 * RELATIVE:.0f} %; there are "
+                f"{one.effect.effect.levels}"
             )
     return lines

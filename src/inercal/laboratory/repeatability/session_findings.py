@@ -1,4 +1,4 @@
-"""What sessions do not agree with, and what was assumed, in words."""
+"""States in words where the sessions disagree, and what was assumed."""
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
@@ -17,9 +17,9 @@ _LEAST_SESSIONS = 4  # to find one that lies apart
 
 
 def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
-    """Return the sessions that lie apart from the others, with the probability of chance.
+    """Return the outliers among the sessions, each with its probability of occurring by chance.
 
-    Each is compared with the mean and the scatter of the others, which it does not enlarge.
+    Each session is compared with the mean and scatter of the others, so it does not enlarge them.
     """
     count, size = len(fit.values), len(fit.unit)
     found: dict[str, float] = {}
@@ -46,14 +46,14 @@ def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
 
 
 def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) -> list[str]:
-    """Return which coefficients take their own scatter, with its size and that of like ones.
+    """Return which coefficients use their own scatter, with its size and that of similar ones.
 
     Parameters
     ----------
     pooled : (p,) array
         Variance that like coefficients share, in units of the fit.
     places : sequence of int
-        The coefficients that take their own.
+        The coefficients that use their own scatter.
     """
     parts: list[str] = []
     for j in places:
@@ -68,15 +68,16 @@ def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) 
         return []
     return [
         "U of the next use includes the coefficient's own scatter, which is larger than that of "
-        f"like coefficients: {', '.join(parts)}"
+        f"similar coefficients: {', '.join(parts)}"
     ]
 
 
 def hidden_scatter_lines(fit: SessionFit) -> list[str]:
-    """Return the scatter that the sessions cannot show."""
+    """Return which scatter the sessions cannot show."""
     return [
-        f"{fit.effects[k].name}: one session outweighs the others, which show no scatter beyond "
-        "their uncertainties; U of the next use holds none, add a session as good as the best"
+        f"{fit.effects[k].name}: one session is much better than the others, and these show no "
+        "scatter beyond their uncertainties. U of the next use therefore includes none; add a "
+        "session as good as the best one"
         for k in fit.unseen
     ]
 
@@ -84,7 +85,7 @@ def hidden_scatter_lines(fit: SessionFit) -> list[str]:
 def outlier_axes(
     values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]
 ) -> list[int]:
-    """Return coefficients that scatter more than the like ones of other axes.
+    """Return the coefficients that scatter more than the same ones of other axes.
 
     Parameters
     ----------
@@ -107,33 +108,37 @@ def outlier_axes(
 
 
 def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
-    """Return what a reader must know of the result, the gravest first."""
+    """Return what a reader must know about the result, the most serious first."""
     matched = fit.matched
     lines: list[str] = []
     if not fit.variances.converged:
-        lines.append("the estimate of the scatter did not converge: do not rely on it")
+        lines.append("the estimate of the scatter did not converge; do not rely on it")
     lines += [
-        f"{label} lies apart from the other sessions (p = {p:.1g} that it does so by chance): was "
-        "the sensor changed, or the bench?"
+        f"{label} is an outlier among the sessions (p = {p:.1g}); check whether the sensor or "
+        "the bench changed"
         for label, p in outlier_sessions(fit, mount_owner).items()
     ]
     if fit.has_other_days:
         lines += [
-            f"{matched.names[j]} scatters more than those of the other axes; U of the next use "
-            "takes its own scatter, and covers less than 95 % with few sessions"
+            f"{matched.names[j]} scatters more than the same coefficient of the other axes. U "
+            "of the next use takes its own scatter; with few sessions it covers less than 95 %"
             for j in outlier_axes(_standardized(fit), _without_rotated(fit))
             if fit.alone.counts[j]
         ]
     lines += hidden_scatter_lines(fit)
     if matched.unstated:
         lines.append(
-            f"{', '.join(matched.unstated)}: states no errors that calibrations share; all of its "
-            "uncertainty is taken as shared, which no number of sessions lowers"
+            f"{', '.join(matched.unstated)} does not state which errors calibrations share. "
+            "All of its uncertainty is treated as shared, so more sessions do not reduce it"
         )
     if common := [one.name for one in matched.shared if one.name and one.is_common]:
-        lines.append(f"shared by all sessions, and not averaged: {', '.join(common)}")
+        lines.append(
+            f"errors shared by all sessions, which averaging does not reduce: {', '.join(common)}"
+        )
     if matched.left_out:
-        lines.append(f"not in all sessions, or fixed: {', '.join(matched.left_out)}")
+        lines.append(
+            f"left out, because not all sessions estimated them: {', '.join(matched.left_out)}"
+        )
     return tuple(lines)
 
 

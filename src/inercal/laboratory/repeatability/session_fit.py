@@ -1,4 +1,4 @@
-"""Sessions and their scatter fitted, in units in which the coefficients are comparable."""
+"""Fits sessions and their scatter, in units that make the coefficients comparable."""
 
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -30,7 +30,7 @@ _LEAST_EFFECTIVE = 1.5  # sessions in a mean, (Σw)²/Σw²: with fewer, one has
 
 @dataclass(frozen=True, eq=False)
 class SessionFit:
-    """k sessions of p coefficients, fitted.
+    """The fit of k sessions with p coefficients.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class SessionFit:
     groups : mapping
         Places of like coefficients.
     unit : (p,) array
-        SI size of the units of what follows, equal for like coefficients.
+        SI size of the units of all following fields, equal for like coefficients.
     values : (k, p) array
     own : (k, p, p) array
         Covariances without what is shared.
@@ -55,10 +55,10 @@ class SessionFit:
     gain : (p, k p) array
         Derivatives of the mean by all values.
     alone : SingleScatter
-        Of each coefficient by itself.
+        The scatter of each coefficient by itself.
     unseen : tuple of int
-        Effects that the sessions do not show: one session outweighs the others, and these scatter
-        no more than their own uncertainties explain. Their variance is 0.
+        Effects that the sessions cannot show, because one session outweighs the others and these
+        scatter no more than their own uncertainties explain. Their variance is 0.
     """
 
     matched: MatchedSessions
@@ -78,7 +78,7 @@ class SessionFit:
 
     @property
     def has_other_days(self) -> bool:
-        """Whether all sessions are of other days."""
+        """Whether every session is from a different day."""
         return int(self.matched.level(0).max()) + 1 == len(self.matched.sessions)
 
     @property

@@ -1,7 +1,8 @@
 """Sessions of one sensor, and their calibrations in the same terms.
 
-What calibrations share, such as one value of local gravity, is not scatter and does not average:
-it is taken out of each session's own covariance, by the columns that the calibrations store.
+Errors that calibrations share, such as the value of local gravity, are not scatter and do not
+average out. They are removed from each session's own covariance by the columns that the
+calibrations store.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ _LEAST_EIGENVALUE = 1e-9  # of an own covariance, relative to the stated one
 
 @dataclass(frozen=True, eq=False)
 class RepeatedSession:
-    """A calibration, and what was new in it.
+    """A calibration with its day, mounting and turn-on.
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ class RepeatedSession:
         Name for messages, such as the file's.
     calibration : Calibration
     day, mount, turn_on : str
-        Sessions with equal words are of one day, one mounting in the fixture, one power cycle.
+        Sessions with equal words belong to the same day, mounting in the fixture or power cycle.
     """
 
     label: str
@@ -50,7 +51,7 @@ class RepeatedSession:
 
 @dataclass(frozen=True, eq=False)
 class SharedColumn:
-    """An error of the bench in all sessions of one determination.
+    """A bench error that all sessions with the same determination share.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ class MatchedSessions:
         As the calibrations state it.
     shared : tuple of SharedColumn
     unstated : tuple of str
-        Sessions that do not state what they share: everything is taken as shared.
+        Sessions that do not state what they share; all their uncertainty is treated as shared.
     left_out : tuple of str
         Coefficients that not all sessions measured.
     """
@@ -139,12 +140,13 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
     Raises
     ------
     InputError
-        Fewer than two sessions, two of one recording, or calibrations that cannot be compared.
+        There are fewer than two sessions, two of them come from one recording, or the calibrations
+        cannot be compared.
     """
     if len(sessions) < 2:
         raise InputError(
-            f"{len(sessions)} session: its scatter is not observed; give two or more calibrations "
-            "of one sensor"
+            f"{len(sessions)} session is not enough to estimate scatter; give two or more "
+            "calibrations of one sensor"
         )
     _refuse_one_recording(sessions)
     last = sessions[-1].calibration
@@ -161,7 +163,10 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
         if name not in fixed and all(name in one.sensor.coefficients for one in matched)
     )
     if not names:
-        raise InputError("the calibrations have no coefficient in common that was measured")
+        raise InputError(
+            "the calibrations have no measured coefficient in common; give calibrations that "
+            "estimate the same coefficients"
+        )
     known = {name for one in matched for name in one.sensor.coefficients}
     stated = np.array([_covariance(one, names) for one in matched])
     shared = _shared_columns(matched, names, stated)
@@ -191,7 +196,8 @@ def _refuse_one_recording(sessions: Sequence[RepeatedSession]) -> None:
         recording = recording_sha256(one.calibration)
         if recording and recording in by_recording:
             raise InputError(
-                f"{by_recording[recording]} and {one.label} are of one recording; give one of them"
+                f"{by_recording[recording]} and {one.label} come from the same recording; give "
+                "only one of them"
             )
         by_recording[recording] = one.label
 

@@ -1,10 +1,10 @@
-"""The scatter of a coefficient alone, where own uncertainties of its sessions do not explain it.
+"""The scatter of one coefficient, if the uncertainties of its sessions do not explain it.
 
 With V the covariance of the k values of one coefficient by their own uncertainties, the variance σ²
-maximises the restricted likelihood of y ~ N(θ, V + σ²): sessions weigh by their uncertainty, so a
-session with a large one says nothing of a small scatter. It counts where the weighted squares about
-the mean, which have the distribution of χ² with k − 1 degrees of freedom without scatter, are
-beyond chance.
+maximises the restricted likelihood of y ~ N(θ, V + σ²). Sessions are weighted by their uncertainty,
+so a session with a large one does not reveal a small scatter. Without scatter the weighted sum of
+squares about the mean follows χ² with k − 1 degrees of freedom; σ² is used if the sum is larger
+than chance explains.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -38,7 +38,7 @@ class SingleScatter:
     squares : (p,) array
         Weighted squares about the mean without scatter.
     chance : (p,) array
-        The probability of so large squares without scatter.
+        The probability that the squares are this large without scatter.
     """
 
     variance: Array
@@ -47,12 +47,12 @@ class SingleScatter:
 
     @property
     def counts(self) -> NDArray[np.bool_]:
-        """Whether the sessions' own uncertainties do not explain the scatter, (p,)."""
+        """Whether the sessions' own uncertainties fail to explain the scatter, (p,)."""
         return self.chance < CHANCE
 
     @property
     def counts_in_next_use(self) -> NDArray[np.bool_]:
-        """Whether they hardly explain it, (p,)."""
+        """Whether they barely explain it, (p,); a weaker criterion, for the next use."""
         return self.chance < CHANCE_IN_NEXT_USE
 
 

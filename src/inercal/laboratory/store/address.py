@@ -1,4 +1,4 @@
-"""Where a register is: a file of SQLite, or a database of a PostgreSQL server."""
+"""Addresses of registers: an SQLite file, or a database on a PostgreSQL server."""
 
 import os
 import re
@@ -36,9 +36,9 @@ class RegisterAddress:
     url : URL
         As SQLAlchemy takes it.
     file : Path or None
-        Of SQLite, absolute.
+        Absolute path of the SQLite file; None for a server.
     display_url : str
-        To be printed: it holds no password.
+        For printing, without a password.
     """
 
     url: URL = field(repr=False)  # it may hold a password where SQLAlchemy does not hide one
@@ -52,13 +52,13 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     Parameters
     ----------
     text : str, optional
-        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE". None or "default" is what
-        $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
+        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE". None or "default" means
+        $INERCAL_REGISTER, or else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
 
     Raises
     ------
     InputError
-        An address of another kind, or the home folder is unknown.
+        The address is of another kind, or the home folder is unknown.
     """
     if text in (None, DEFAULT):
         text = os.environ.get(ENVIRONMENT_VARIABLE) or None
@@ -70,7 +70,7 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     path = text.removeprefix(_SQLITE)
     if path and os.path.isdir(path):
         raise InputError(
-            f"register {path} is a folder; name the file of the register in it",
+            f"register {path} is a folder; give the file of the register in it",
             file=path,
             key="--register",
         )
@@ -85,19 +85,19 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
 
 
 def require_place_of_register(file: Path, *, create: bool) -> None:
-    """Refuse a register that is not there and is not to be created, or that cannot be.
+    """Refuse a missing register that is not to be created or cannot be created.
 
     Parameters
     ----------
     file : path
-        It does not exist.
+        A file that does not exist.
     create : bool
         Whether it will be created.
 
     Raises
     ------
     InputError
-        With the name of the file that resembles it most.
+        The message suggests the file with the most similar name.
     """
     folder = file.parent
     if create:
@@ -106,11 +106,11 @@ def require_place_of_register(file: Path, *, create: bool) -> None:
                 folder.mkdir(parents=True, exist_ok=True)
             if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK):
                 return
-            reason = "its folder must exist and be writable: create it, or name"
+            reason = "its folder must exist and be writable: create it, or give"
         except OSError as error:
-            reason = f"its folder cannot be created ({error}); name"
+            reason = f"its folder cannot be created ({error}); give"
         raise InputError(
-            f"register {_SQLITE}{file} cannot be opened; {reason} another register by "
+            f"register {_SQLITE}{file} cannot be opened; {reason} another register with "
             f"--register or ${ENVIRONMENT_VARIABLE}",
             file=file,
             key="--register",
@@ -118,9 +118,9 @@ def require_place_of_register(file: Path, *, create: bool) -> None:
     there = [one.name for one in folder.iterdir() if one.is_file()] if folder.is_dir() else []
     near = get_close_matches(file.name, there, 1, 0.5)
     raise InputError(
-        f"{file}: no such register; "
+        f"{file}: there is no such register; "
         + (f"did you mean {folder / near[0]}? " if near else "")
-        + "name another by --register, or create one by `inercal store import PATH…`",
+        + "give another one with --register, or create one with `inercal store import PATH…`",
         file=file,
         key="--register",
         names=tuple(near),
@@ -134,7 +134,7 @@ def _default_path() -> Path:
         folder = Path(own) if os.path.isabs(own) else Path.home() / ".local" / "share"
     except RuntimeError as error:
         raise InputError(
-            f"the home folder is unknown: {error}; name a register by --register or "
+            f"the home folder is unknown: {error}; give a register with --register or "
             f"${ENVIRONMENT_VARIABLE}",
             key="--register",
         ) from None
@@ -156,9 +156,10 @@ def _file_address(path: Path) -> RegisterAddress:
 def _unreadable_server_address() -> InputError:
     # An address that cannot be parsed is not printed: any part of it may be a password.
     return InputError(
-        "the address of a PostgreSQL register cannot be read: write "
-        "postgresql://USER@HOST:PORT/DATABASE, and the password in $PGPASSWORD or ~/.pgpass; in an "
-        "address it has %40 for @, %2F for / and %3A for :. Write ./NAME for a file",
+        "this address of a PostgreSQL register is not valid: write "
+        "postgresql://USER@HOST:PORT/DATABASE, with %40 for @, %2F for / and %3A for : in its "
+        "parts, and put the password into $PGPASSWORD or ~/.pgpass. For a file of that name "
+        "write ./NAME",
         key="--register",
     )
 

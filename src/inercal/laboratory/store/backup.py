@@ -1,7 +1,7 @@
-"""A register as one file, and back: an SQLite file with the same tables, whatever the register is.
+"""Backs up any register to one SQLite file with the same tables, and restores it.
 
-What is read is one state of the register. Numbers, times and names stay as they are, so that a
-register on a server can be moved into a file, and a file to a server.
+A backup is a consistent snapshot of the register. Numbers, times and names stay as they are, so a
+register can be moved from a server into a file and back.
 """
 
 import hashlib
@@ -30,18 +30,18 @@ _SQLITE_HEAD = b"SQLite format 3\x00"
 
 
 def backup_register(address: str | None, path: Path) -> dict[str, int]:
-    """Write the register to a file, completely or not at all; return rows by table.
+    """Write the register to a file, completely or not at all; return the rows by table.
 
     Parameters
     ----------
     address : str or None
-        Of the register, as `Register` takes it.
+        Address of the register, as for `Register`.
     path : Path
 
     Raises
     ------
     InputError
-        There is no such register, or what it holds is damaged.
+        There is no such register, or its content is damaged.
     """
     source = resolve_address(address)
     _require_register(source)
@@ -51,16 +51,17 @@ def backup_register(address: str | None, path: Path) -> dict[str, int]:
 
 
 def restore_register(path: Path, address: str | None) -> dict[str, int]:
-    """Read a backup into a register that is empty or not there; return rows by table.
+    """Read a backup into a new or empty register; return the number of rows by table.
 
     Raises
     ------
     InputError
-        Not a backup, damaged content, or a register that holds something.
+        The file is not a backup or is damaged, or the register is not empty.
     """
     if not _is_sqlite(path):
         raise InputError(
-            f"{path}: no backup of a register; give a file of `inercal store backup`", file=path
+            f"{path} is not a backup of a register; give a file that `inercal store backup` wrote",
+            file=path,
         )
     target = resolve_address(address)
     with tempfile.TemporaryDirectory() as folder:
@@ -82,7 +83,7 @@ def _is_sqlite(path: Path) -> bool:
 def _require_register(address: RegisterAddress) -> None:
     if address.file is not None and not address.file.is_file():
         raise InputError(
-            f"{address.file}: no such register; name another by --register",
+            f"{address.file}: there is no such register; give another one with --register",
             file=address.file,
             key="--register",
         )
@@ -141,7 +142,7 @@ def _require_hashes(row: Mapping[str, Any]) -> None:
         raw = content.encode() if isinstance(content, str) else bytes(content)
         if hashlib.sha256(raw).hexdigest() != row[f"{name}_sha256"]:
             raise InputError(
-                f"certificate {row['number']}: its {name.upper()} is damaged (its SHA-256 "
+                f"certificate {row['number']}: its {name.upper()} is damaged (the SHA-256 "
                 "differs); restore the register from another copy",
                 names=(row["number"],),
             )

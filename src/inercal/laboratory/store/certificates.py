@@ -1,9 +1,9 @@
 """Certificates in the register: numbers without gaps, each issued once with its files.
 
-A number is `series` with "{year}" and "{sequence}", or "{sequence:4}" for 4 digits; the sequence
-begins with 1 in each year of a series. The number, the files that hold it, and the row are made in
-one transaction that has the register to itself: where the files cannot be made, the number is not
-used.
+A number is `series` with "{year}" and "{sequence}" (or "{sequence:4}" for 4 digits) filled in; the
+sequence starts at 1 in each year of a series. The number, the files that contain it and the row are
+made in one transaction that locks the register, so a number is not used if its files cannot be
+made.
 """
 
 import hashlib
@@ -44,9 +44,9 @@ class CertificateEntry:
     issued : str
         ISO date.
     change : "", "amended" or "substituted"
-        What it does to an earlier certificate.
+        How it changes an earlier certificate; empty if it changes none.
     previous : str
-        Number of the earlier certificate; empty where it changes none.
+        Number of the earlier certificate; empty if it changes none.
     files : CertificateFiles
     pdf_sha256, dcc_sha256 : str
     by, at : str
@@ -66,7 +66,7 @@ class CertificateEntry:
 
 
 class CertificateSummary(NamedTuple):
-    """A certificate without its files; fields as of `CertificateEntry`."""
+    """A certificate without its files; the fields are those of `CertificateEntry`."""
 
     number: str
     issued: str
@@ -87,9 +87,9 @@ class CertificateRequest:
         Pattern of the number.
     issued : date
     change, previous : str
-        As of `CertificateEntry`.
+        As for `CertificateEntry`.
     make : callable
-        Takes the number, and the earlier certificate if any, and returns the files.
+        Takes the number and the earlier certificate, if any, and returns the files.
     """
 
     series: str
@@ -100,7 +100,7 @@ class CertificateRequest:
 
 
 def require_series(series: str) -> None:
-    """Refuse a pattern that gives no distinct numbers, or none that a file can be named after.
+    """Refuse a pattern whose numbers would not be distinct or could not be file names.
 
     Raises
     ------
@@ -108,8 +108,9 @@ def require_series(series: str) -> None:
     """
     if not _SERIES.fullmatch(series) or "{year}" not in series or not _SEQUENCE.search(series):
         raise InputError(
-            f"certificate_number: {series!r} is no pattern of numbers; write letters, digits, "
-            'points and hyphens with {year} and {sequence}, such as "IL-{year}-{sequence:4}"',
+            f"certificate_number: {series!r} is not a valid pattern; use letters, digits, "
+            f"points and hyphens with {{year}} and {{sequence}}, such as "
+            f'"IL-{{year}}-{{sequence:4}}"',
             key="certificate_number",
         )
 
@@ -145,8 +146,8 @@ def issue_certificate(
     number = number_text(wanted.series, year, sequence)
     if db.scalar(select(certificate.c.id).where(certificate.c.number == number)) is not None:
         raise InputError(
-            f"certificate {number} was issued by another pattern of numbers; give "
-            "certificate_number a prefix of its own",
+            f"certificate {number} was issued with another pattern of numbers; give "
+            "certificate_number its own prefix",
             key="certificate_number",
             names=(number,),
         )
@@ -182,7 +183,8 @@ def find_certificate(db: Connection, number: str) -> CertificateEntry:
         numbers = db.scalars(select(certificate.c.number).order_by(certificate.c.id)).all()
         last = f"; the last one is {numbers[-1]}" if numbers else ""
         raise InputError(
-            f"no certificate {number!r} in the register{last}; check the number", names=(number,)
+            f"there is no certificate {number!r} in the register{last}; check the number",
+            names=(number,),
         )
     return CertificateEntry(
         found.number,

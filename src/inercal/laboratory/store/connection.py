@@ -1,7 +1,7 @@
-"""Connections to a register, their errors in one line, and the upgrade of its tables.
+"""Connects to a register, reports its errors in one line, and upgrades its tables.
 
-A transaction that writes locks the whole register, on SQLite and on PostgreSQL alike: nothing that
-it has read changes before it writes. Others wait for it, at most `_LOCK_TIMEOUT`.
+A transaction that writes locks the whole register, both on SQLite and on PostgreSQL, so that
+nothing it has read changes before it writes. Other transactions wait for at most `_LOCK_TIMEOUT`.
 """
 
 from collections.abc import Generator
@@ -64,7 +64,7 @@ def read_transaction(engine: Engine, address: RegisterAddress) -> Generator[Conn
 
 @contextmanager
 def write_transaction(engine: Engine, address: RegisterAddress) -> Generator[Connection]:
-    """Yield a connection in a transaction that locks the register, written completely or not."""
+    """Yield a connection in a transaction that locks the register and is written as a whole."""
     with translate_errors(address), engine.execution_options(writes=True).begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text(f"SET LOCAL lock_timeout = '{_LOCK_TIMEOUT}s'"))
@@ -91,8 +91,8 @@ def translate_errors(address: RegisterAddress) -> Generator[None]:
         ) from None
     except UnicodeEncodeError:
         raise InputError(
-            f"register {address.display_url}: a text to be stored is not Unicode; correct the "
-            "name or the file that contains it",
+            f"register {address.display_url}: a text to be stored is not valid Unicode; "
+            "correct the name or the file that contains it",
             key="--register",
         ) from None
 
@@ -126,8 +126,8 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
     Raises
     ------
     InputError
-        The tables are of a newer version, from before 0.1.0, or of another program; with `create`
-        false also where the database is empty.
+        The tables were written by a newer version, before 0.1.0 or by another program, or the
+        database is empty and `create` is false.
     """
     config = _config()
     script = ScriptDirectory.from_config(config)
@@ -138,8 +138,8 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
         return
     if revision is None and not create:
         raise InputError(
-            f"register {address.display_url} is an empty database; enter a calibration first, by "
-            "`inercal store import PATH…`",
+            f"register {address.display_url} is an empty database; enter a calibration first "
+            "with `inercal store import PATH…`",
             file=address.file,
             key="--register",
         )
@@ -151,16 +151,17 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
         known = {each.revision for each in script.walk_revisions()}
         if revision is not None and revision in _BEFORE_RELEASE:
             raise InputError(
-                f"register {address.display_url} was written before the first release of inercal, "
-                "and this version does not read it: import the calibration files into a new "
-                "register",
+                f"register {address.display_url} was written before the first release of "
+                "inercal, and this version cannot read it; import the calibration files into a "
+                "new register",
                 file=address.file,
                 key="--register",
             )
         if revision is not None and revision not in known:
             raise InputError(
-                f"register {address.display_url}: its tables have revision {revision} of a newer "
-                f"inercal; this version knows revisions up to {head}: install the newer version",
+                f"register {address.display_url} was written by a newer inercal (its tables "
+                f"have revision {revision}, this version knows revisions up to {head}); "
+                "install the newer version",
                 file=address.file,
                 key="--register",
             )
@@ -182,8 +183,8 @@ def _revision(connection: Connection, address: RegisterAddress) -> str | None:
     names = inspect(connection).get_table_names()
     if names and VERSION_TABLE not in names:
         raise InputError(
-            f"register {address.display_url}: the database belongs to another program: it has a "
-            f"table {names[0]!r}; give a database of its own",
+            f"register {address.display_url}: this database belongs to another program, "
+            f"because it has a table {names[0]!r}; create a separate database for the register",
             file=address.file,
             key="--register",
         )

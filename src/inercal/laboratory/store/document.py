@@ -1,4 +1,4 @@
-"""A verified calibration, ready to be entered, with the columns that the register adds."""
+"""A verified calibration that is ready to be entered, with the columns that the register adds."""
 
 import json
 from dataclasses import dataclass
@@ -22,16 +22,16 @@ class CalibrationDocument:
     Parameters
     ----------
     source : str
-        What names it where something is amiss.
+        Its name in error messages.
     text : str
         The whole calibration file, JSON.
     sha256 : str
-        That it states.
+        The hash that the file states.
     calibration : Calibration
     created : str
-        ISO 8601, UTC; empty where it says nothing of it.
+        Time of creation, ISO 8601, UTC; empty if the file does not state it.
     recording : str
-        SHA-256 of the recording; empty where it names none.
+        SHA-256 of the recording; empty if the file names none.
     """
 
     source: str
@@ -54,7 +54,7 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
     Raises
     ------
     InputError
-        A missing or damaged file, or content that a register cannot store.
+        The file is missing or damaged, or has content that a register cannot store.
     """
     if isinstance(source, Calibration):
         name = f"calibration of {source.sensor.name}"
@@ -66,14 +66,16 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
     content: dict[str, Any] = json.loads(text)
     wrong = _content_defect(calibration, content)
     if wrong:
-        raise InputError(f"{name}: broken calibration file: {wrong}; restore it", file=file)
+        raise InputError(
+            f"{name} is a broken calibration file: {wrong}; restore the file", file=file
+        )
     created = calibration.provenance.get("created", "")
     try:
         created = created and to_utc(created)
     except ValueError:
         raise InputError(
-            f"{name}: created, {created!r}, is not a time in ISO 8601; calibrate again or restore "
-            "the file",
+            f"{name}: the time of creation, {created!r}, is not in ISO 8601; calibrate again "
+            "or restore the file",
             file=file,
             key="created",
         ) from None
@@ -88,13 +90,13 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
 
 
 def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
-    """Return what is not as the file's description has it, though its hash fits; else nothing."""
+    """Return what contradicts the file's description although its hash fits; empty if nothing."""
     for name in ("conditions", "provenance"):
         given: Any = content[name]
         if not isinstance(given, dict) or not all(
             isinstance(text, str) for text in cast(dict[Any, Any], given).values()
         ):
-            return f"{name}: texts by name are expected"
+            return f"{name} must contain only texts by name"
     for text in (content["method"], content["estimator"], content["sensor"]["name"]):
         if not isinstance(text, str):
             return f"{text!r} is not a text"
@@ -109,12 +111,12 @@ def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
 def to_utc(text: str) -> str:
     """Return a time in ISO 8601 as the register keeps it: UTC, to the millisecond.
 
-    One without a zone is taken as UTC; a date alone, as its first moment.
+    A time without a zone is taken as UTC, and a date as its first moment.
 
     Raises
     ------
     ValueError
-        It is none.
+        The text is not a time in ISO 8601.
 
     Examples
     --------
@@ -130,5 +132,5 @@ def to_utc(text: str) -> str:
 
 
 def utc_now() -> str:
-    """Return the time as the register keeps it."""
+    """Return the current time as the register keeps it."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

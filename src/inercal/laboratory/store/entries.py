@@ -1,4 +1,4 @@
-"""What a register holds, entry by entry, and what a run tells it."""
+"""The entries of a register, and the facts that a run reports to it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,9 +20,9 @@ class SensorEntry:
     name : str
     axes : tuple of str
     calibrations : int
-        How many there are of it.
+        Number of calibrations of the sensor.
     last : str or None
-        When it was calibrated last, ISO date.
+        Date of the last calibration, ISO 8601.
     by, at : str
         Who entered it, and when, ISO 8601, UTC.
     """
@@ -37,7 +37,7 @@ class SensorEntry:
 
 
 class FileEntry(NamedTuple):
-    """A file that a run left: its name in the run's folder, bytes, and SHA-256."""
+    """A file in the folder of a run, with its name, size in bytes and SHA-256."""
 
     name: str
     size: int
@@ -52,7 +52,7 @@ class RunEntry:
     ----------
     id : int
     key : str
-        The same wherever its folder lies.
+        Identity of the run, independent of where its folder is.
     sensor : str
     kind, bench : str
         Kind of bench, and its name where the run file gives one.
@@ -92,16 +92,16 @@ class CalibrationEntry:
     id : int
     sensor : str
     kind, bench : str
-        Kind of bench and its name; empty where they are not known.
+        Kind of bench and its name; empty if they are not known.
     run : int or None
-        The run whose recording it is of.
+        The run whose recording was calibrated.
     measured : str
-        When, ISO 8601, UTC.
+        Time of measurement, ISO 8601, UTC.
     measured_from : "stated", "run" or "created"
-        Whose time that is: the user's, the run's begin, or that of the calibration file.
+        Source of that time: the user, the begin of the run, or the calibration file.
     method, estimator : str
     grade : str
-        Of the verdict, "consistent", "reservations" or "unreliable"; empty where it is unknown.
+        Of the verdict, "consistent", "reservations" or "unreliable"; empty if it is unknown.
     sha256 : str
         Of the calibration's content, as its file states it.
     by, at : str
@@ -127,27 +127,27 @@ class CalibrationEntry:
 
     @cached_property
     def calibration(self) -> Calibration:
-        """The calibration itself, its hash proved again.
+        """The calibration itself, after verifying its hash again.
 
         Raises
         ------
         InputError
-            The register's text is not what was entered.
+            The text in the register is not what was entered.
         """
         return parse(self.content, f"calibration #{self.id}")
 
 
 @dataclass(frozen=True)
 class RunFacts:
-    """What a run tells the register.
+    """The facts that a run reports to the register.
 
     Parameters
     ----------
     key : str
-        The same whenever the run is entered, wherever its folder lies then.
+        Identity of the run, independent of when it is entered and where its folder is.
     sensor : Sensor
     kind, bench : str
-        Kind of bench, and its name, empty where it has none.
+        Kind of bench, and its name, empty if it has none.
     begun : str
         ISO 8601.
     state : str

@@ -46,7 +46,7 @@ class CoefficientTrend:
     si : float
         SI size of the unit.
     points : tuple of int
-        Which of the history's calibrations have it.
+        Indices of the history's calibrations that have the coefficient.
     time : (n,) array
         Years since the first of the history's calibrations.
     values, std : (n,) arrays
@@ -54,7 +54,8 @@ class CoefficientTrend:
     step_std : (n - 1,) array
         Standard uncertainties of the differences between successive values.
     shared : (m, m) array
-        Covariance of the newest m values by errors that they share, m = `courses.NEWEST` at most.
+        Covariance of the newest m values from errors that they share; m is at most
+        `courses.NEWEST`.
     """
 
     name: str
@@ -70,19 +71,19 @@ class CoefficientTrend:
 
     @cached_property
     def normalised_errors(self) -> Array:
-        """E_n of each calibration against the previous, (n,); NaN for the first."""
+        """E_n of each calibration against the previous one, (n,); NaN for the first."""
         steps = changes.normalised_errors(np.diff(self.values), self.step_std)
         return np.concatenate([[np.nan], steps])
 
     @property
     def independent_variance(self) -> Array:
-        """Variances of the newest m values without what they share, (m,)."""
+        """Variances of the newest m values without their shared part, (m,)."""
         variance = self.std[-len(self.shared) :] ** 2
         return np.maximum(variance - np.diag(self.shared), _LEAST_OWN**2 * variance)
 
     @cached_property
     def courses(self) -> CourseComparison | None:
-        """Level, line and random walk of the newest values; None of fewer than three."""
+        """Level, line and random walk fitted to the newest values; None for fewer than three."""
         m = len(self.shared)
         return compare_courses(
             self.time[-m:], self.values[-m:], self.independent_variance, self.shared
@@ -95,7 +96,7 @@ class CoefficientTrend:
 
     @property
     def course(self) -> CourseFit | None:
-        """The line of a coefficient that drifts, else the level; None of fewer than three."""
+        """The line if the coefficient drifts, otherwise the level; None for fewer than three."""
         if self.courses is None:
             return None
         return self.courses.line if self.courses.drifts else self.courses.level
@@ -115,9 +116,9 @@ class CoefficientTrend:
 
 @dataclass(frozen=True, eq=False)
 class SensorHistory:
-    """The calibrations of a sensor in the terms of the newest, oldest first.
+    """The calibrations of a sensor, oldest first, in the frame and form of the newest.
 
-    Where the newest is in the mount frame and others are not, in the frame of these.
+    If the newest is in the mount frame and others are not, all are in the frame of the others.
 
     Parameters
     ----------
@@ -125,12 +126,12 @@ class SensorHistory:
     entries : tuple of CalibrationEntry
         The calibrations that can be compared.
     trends : tuple of CoefficientTrend
-        Of the coefficients of the newest, in its order.
+        One for each coefficient of the newest calibration, in its order.
     calibrations : tuple of Calibration
-        Those of the entries, in the terms of the newest.
+        Those of the entries, in the frame and form of the newest.
     exclusions : tuple of str
-        In words: calibrations of a recording that has a later one, or that cannot be compared;
-        coefficients that are not in the newest or that were not measured.
+        What was left out, in words: calibrations that cannot be compared or whose recording has a
+        later one, and coefficients that are not in the newest or were not measured.
     """
 
     sensor: SensorEntry
@@ -141,21 +142,21 @@ class SensorHistory:
 
     @cached_property
     def joint_test(self) -> tuple[changes.JointTest | None, ...]:
-        """The test of all coefficients together, of each calibration against the one before.
+        """The joint test of all coefficients, each calibration against the one before.
 
-        None of the first, and of one that has no coefficient in common with the one before.
+        None for the first, and if two successive ones have no coefficient in common.
         """
         return None, *(build_comparison(a, b).joint_test for a, b in pairwise(self.calibrations))
 
     @property
     def newest_joint_test(self) -> changes.JointTest | None:
-        """The last of `joint_test`, without the others."""
+        """The last element of `joint_test`, computed without the others."""
         last = self.calibrations[-2:]
         return build_comparison(*last).joint_test if len(last) > 1 else None
 
     @cached_property
     def operating_hours(self) -> tuple[float | None, ...]:
-        """Operating hours of the sensor at each calibration, where [job] states them."""
+        """Operating hours of the sensor at each calibration, if [job] states them."""
         return tuple(_operating_hours(one) for one in self.calibrations)
 
     def trend(self, name: str) -> CoefficientTrend:
@@ -169,15 +170,15 @@ class SensorHistory:
         trends = {trend.name: trend for trend in self.trends}
         if name not in trends:
             raise InputError(
-                f"no coefficient {name!r} in this history; it has {', '.join(trends)}",
+                f"there is no coefficient {name!r} in this history; it has {', '.join(trends)}",
                 names=(name,),
             )
         return trends[name]
 
     def select(self, words: Sequence[str]) -> "SensorHistory":
-        """Return the history of coefficients chosen by name, group or axis; without words, all.
+        """Return the history of the coefficients chosen by name, group or axis; all without words.
 
-        The joint tests remain those of all coefficients together.
+        The joint tests still include all coefficients.
 
         Raises
         ------
@@ -192,18 +193,18 @@ class SensorHistory:
         if not trends:
             available = ", ".join(trend.name for trend in self.trends)
             raise InputError(
-                f"{', '.join(words)}: not in this history; it has {available}", names=tuple(words)
+                f"this history has no {', '.join(words)}; it has {available}", names=tuple(words)
             )
         return replace(self, trends=trends)
 
     def date(self, years: float) -> str:
-        """Return the time this many years after the first calibration, ISO 8601."""
+        """Return the time, ISO 8601, a number of years after the first calibration."""
         first = datetime.fromisoformat(self.entries[0].measured)
         return (first + timedelta(seconds=years * changes.YEAR)).isoformat(timespec="seconds")
 
     @property
     def expected_exceedances(self) -> float:
-        """How many E_n would exceed 1 by chance where nothing changes."""
+        """How many E_n would be expected to exceed 1 by chance if nothing changed."""
         return changes.CHANCE_FRACTION * self.comparison_count
 
     @property
@@ -231,11 +232,11 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     Raises
     ------
     InputError
-        No calibration.
+    There are no calibrations.
     """
     if not entries:
         raise InputError(
-            f"sensor {sensor.name!r} has no calibration in the register; enter one by "
+            f"sensor {sensor.name!r} has no calibration in the register; enter one with "
             "inercal store import",
             names=(sensor.name,),
         )
@@ -243,7 +244,8 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     newest = _common_terms(entries)
     if newest is not entries[-1].calibration:
         left_out.append(
-            f"the mount frame: all are compared in the {newest.frame} frame, which all can have"
+            "the mount frame, because not all calibrations have it; all are compared in the "
+            f"{newest.frame} frame"
         )
     kept: list[tuple[CalibrationEntry, Calibration]] = []
     for entry in entries:
@@ -256,7 +258,7 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     others = {name for _, one in kept for name in one.sensor.coefficients} - fixed
     left_out += _exclusion_lines(
         (fixed & set(newest.sensor.coefficients), "not measured: {}"),
-        (others - set(names), "{} not among the coefficients of the newest calibration"),
+        (others - set(names), "not among the coefficients of the newest calibration: {}"),
     )
     times = [datetime.fromisoformat(entry.measured).timestamp() for entry, _ in kept]
     years = (np.array(times) - times[0]) / changes.YEAR
@@ -309,9 +311,9 @@ def _operating_hours(calibration: Calibration) -> float | None:
 def latest_per_recording(
     entries: Sequence[CalibrationEntry],
 ) -> tuple[list[CalibrationEntry], list[str]]:
-    """Return the last entered calibration of each recording, and in words those left out.
+    """Return the last entered calibration of each recording, and a line for each one left out.
 
-    Two calibrations of one recording have the same errors: they are no independent repeats.
+    Two calibrations of one recording have the same errors, so they are not independent repeats.
     """
     last: dict[str, int] = {}
     for entry in entries:
@@ -324,7 +326,9 @@ def latest_per_recording(
         if number == entry.id:
             kept.append(entry)
         else:
-            left_out.append(f"calibration #{entry.id} is of the same recording as #{number}")
+            left_out.append(
+                f"calibration #{entry.id}, because #{number} is a later one of the same recording"
+            )
     return kept, left_out
 
 

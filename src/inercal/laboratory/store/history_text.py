@@ -1,4 +1,4 @@
-"""Histories in words and rounded figures."""
+"""Describes histories in words and rounded numbers."""
 
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.comparison.comparison_text import (
@@ -19,13 +19,13 @@ _COURSES: dict[Course, str] = {"line": "a straight line", "walk": "a random walk
 
 
 def format_point(trend: CoefficientTrend, k: int) -> tuple[str, str]:
-    """Return value and U of one of a trend's points, in its unit."""
+    """Return value and U of one point of a trend, in its unit."""
     value, std = float(trend.values[k]), float(trend.std[k])
     return format_value_and_uncertainty(value / trend.si, COVERAGE * std / trend.si)
 
 
 def format_slope(trend: CoefficientTrend) -> tuple[str, str]:
-    """Return the drift a year and its U, in the trend's unit; nothing where there is no line."""
+    """Return the drift per year and its U, in the trend's unit; empty if there is no line."""
     if trend.line is None:
         return "", ""
     slope = trend.line.slope
@@ -33,7 +33,7 @@ def format_slope(trend: CoefficientTrend) -> tuple[str, str]:
 
 
 def format_bands(trend: CoefficientTrend) -> tuple[str, str]:
-    """Return U of the mean and of the next use at the newest calibration; nothing of few."""
+    """Return U of the mean and of the next use at the newest calibration; empty for too few."""
     if trend.course is None:
         return "", ""
     at = trend.time[-1:]
@@ -48,20 +48,20 @@ def format_bands(trend: CoefficientTrend) -> tuple[str, str]:
 
 def drift_text(trend: CoefficientTrend) -> str:
     """Return the drift of a coefficient, and the test of its constancy."""
-    text = "a drift needs three calibrations or more"
+    text = "a drift cannot be estimated from fewer than three calibrations"
     if (line := trend.line) is not None:
         text = f"drift {' ± '.join(format_slope(trend))} {trend.unit} a year"
         if line.tau > 0:
             size = format_value_and_uncertainty(0.0, line.tau / trend.si)[1]
             text += f", with a scatter of {size} {trend.unit} about the line"
         if line.count < LEAST_FOR_DRIFT:
-            text += f"; no verdict on it from fewer than {LEAST_FOR_DRIFT} calibrations"
+            text += f"; at least {LEAST_FOR_DRIFT} calibrations are needed to judge it"
     test = trend.constancy
     if test.dof:
-        text += f"; as a constant χ² = {test.chi2:.1f} with {test.dof} degrees of freedom, "
+        text += f"; fitted as a constant, χ² = {test.chi2:.1f} with {test.dof} degrees of freedom, "
         text += f"p {p_value_text(test.p_value)}"
     if trend.courses is not None and trend.courses.best != "level":
-        text += f"; {_COURSES[trend.courses.best]} is likelier than a level"
+        text += f"; {_COURSES[trend.courses.best]} fits better than a constant value"
     return text
 
 
@@ -76,7 +76,7 @@ def history_lines(history: SensorHistory) -> list[str]:
         )
     if (test := history.newest_joint_test) is not None:
         lines.append(
-            f"the newest calibration against the previous, all {test.size} coefficients "
+            f"the newest calibration against the previous one, all {test.size} coefficients "
             f"together: {joint_test_text(test)}"
         )
     if (ordinary := newest_run_to_run(history)) is not None:
@@ -84,7 +84,9 @@ def history_lines(history: SensorHistory) -> list[str]:
     elif history.comparison_count:
         lines += repeatability_lines(history.exceedances, history.newest_joint_test)
     if any(one.line is not None for one in history.trends):
-        lines.append("without any change, about one coefficient in 20 is not called steady")
+        lines.append(
+            "about one coefficient in 20 is called drifting or changed although nothing changed"
+        )
     if history.comparison_count:
         stated = all(one.shared is not None for one in history.calibrations)
         lines.append(SHARED_NOTE if stated else INDEPENDENCE_NOTE)
@@ -97,6 +99,6 @@ def _date_lines(history: SensorHistory) -> list[str]:
     if len(history.entries) < 2 or not made:
         return []
     return [
-        f"{', '.join(made)}: dated by the making of the file, and so is every drift; state when it "
-        "was measured: inercal store import FILE --measured DATE"
+        f"{', '.join(made)}: the date is that of the calibration file, so every drift is "
+        "uncertain; state when it was measured with inercal store import FILE --measured DATE"
     ]

@@ -1,6 +1,6 @@
-"""How things are entered: what is there already stays as it is.
+"""Enters things into a register; existing entries stay as they are.
 
-Each function takes a connection within a transaction that has the register to itself.
+Each function takes a connection within a transaction that has locked the register.
 """
 
 import json
@@ -28,24 +28,24 @@ _DONE_STATE = "done"
 
 @dataclass(frozen=True)
 class EntryAuthor:
-    """Who enters something, and when, ISO 8601, UTC."""
+    """Who enters something, and the time, ISO 8601, UTC."""
 
     by: str
     at: str
 
     @property
     def columns(self) -> dict[str, str]:
-        """As the tables have it."""
+        """Values of the columns that all tables have for it."""
         return {"entered_by": self.by, "entered_at": self.at}
 
 
 def enter_sensor(db: Connection, entered: Sensor, who: EntryAuthor) -> int:
-    """Enter a sensor, or new axes of a sensor in the register; return its id.
+    """Enter a sensor, or new axes of a registered sensor; return its id.
 
     Raises
     ------
     InputError
-        An axis measures another quantity than the axis of that name in the register.
+        An axis measures a different quantity from the axis of that name in the register.
     """
     axes = {axis.name: str(axis.measures) for axis in entered.axes}
     return enter_axes(db, entered.name, axes, who)
@@ -67,10 +67,9 @@ def enter_axes(db: Connection, sensor_name: str, axes: dict[str, str], who: Entr
     for name, measures in axes.items():
         if known.get(name, measures) != measures:
             raise InputError(
-                f"sensor {sensor_name}: axis {name} measures {QUANTITIES[measures].name}, but "
-                "in the "
-                f"register it measures {QUANTITIES[known[name]].name}: give this sensor another "
-                "name",
+                f"sensor {sensor_name}: axis {name} measures {QUANTITIES[measures].name}, "
+                f"but in the register it measures {QUANTITIES[known[name]].name}; give this "
+                "sensor another name",
                 names=(name,),
             )
     if axes.keys() - known.keys():
@@ -85,17 +84,16 @@ def _axes_json(axes: dict[str, str]) -> str:
 
 
 def enter_bench(db: Connection, kind: str, name: str, who: EntryAuthor) -> int:
-    """Enter a bench by its kind, and its name where it has one; return its id."""
+    """Enter a bench by its kind and its name, if it has one; return its id."""
     found = db.scalar(select(bench.c.id).where(bench.c.kind == kind, bench.c.name == name))
     return found or _insert_row(db, bench, {"kind": kind, "name": name}, who)
 
 
 def enter_run(db: Connection, facts: RunFacts, who: EntryAuthor) -> int:
-    """Enter a run, or how far one is that is there; return its id.
+    """Enter a run, or update the state of a registered one; return its id.
 
-    Calibrations of its recording that are there belong to it from now on. Its folder lies where it
-    was entered from last: it may have been moved. One that is done stays done, whatever an older
-    copy of its folder says.
+    Registered calibrations of its recording are assigned to it. Its folder is updated, because it
+    may have been moved. A finished run stays finished, whatever an older copy of its folder says.
     """
     sensor_id = enter_sensor(db, facts.sensor, who)
     bench_id = enter_bench(db, facts.kind, facts.bench, who)
@@ -159,15 +157,15 @@ def enter_calibration(
     db : Connection
     entered : CalibrationDocument
     kind : str
-        Of the bench that its method takes; empty where that is not known.
+        Kind of bench that its method takes; empty if it is not known.
     measured : str or None
-        When, in ISO 8601, if the user says so.
+        Time of measurement, ISO 8601, if the user states it.
     who : EntryAuthor
 
     Raises
     ------
     InputError
-        Nothing says when it was measured.
+        The time of measurement is unknown.
     """
     there = db.scalar(select(calibration.c.id).where(calibration.c.sha256 == entered.sha256))
     if there is not None:
@@ -190,7 +188,7 @@ def enter_calibration(
         time, source = to_utc(measured), "stated"
     if not time:
         raise InputError(
-            f"{entered.source}: the file has no date of measurement; add --measured DATE",
+            f"{entered.source}: the file does not state when it was measured; add --measured DATE",
             key="--measured",
         )
     values = {
@@ -219,12 +217,12 @@ def enter_calibration(
 
 
 def state_date(db: Connection, number: int, measured: str) -> None:
-    """Date a calibration by what the user states, where nothing but its file has dated it.
+    """Set the date that the user states, if so far only the file has dated the calibration.
 
     Raises
     ------
     InputError
-        It has another date, stated before or that of its run.
+        It already has another date, stated earlier or taken from its run.
     """
     query = select(calibration.c.measured, calibration.c.measured_from)
     there = db.execute(query.where(calibration.c.id == number)).one()
@@ -232,11 +230,12 @@ def state_date(db: Connection, number: int, measured: str) -> None:
     if there.measured == time:
         return
     if there.measured_from != "created":
-        source = "as was stated" if there.measured_from == "stated" else "by its run"
+        source = "stated by the user" if there.measured_from == "stated" else "from its run"
         raise InputError(
-            f"--measured: calibration #{number} is in the register with {there.measured[:10]} "
-            f"{source}, which stays; calibrate again and import the new file with --measured: in "
-            "a history it replaces this one, for both are of one recording",
+            f"--measured: calibration #{number} already has the date {there.measured[:10]} "
+            f"({source}), which is not overwritten; calibrate again and import the new file "
+            "with --measured: a history then uses it in place of this one, because both come "
+            "from the same recording",
             key="--measured",
         )
     new = {"measured": time, "measured_from": "stated"}

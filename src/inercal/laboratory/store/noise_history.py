@@ -1,7 +1,8 @@
-"""Noise analyses in a register: how they are entered, read, and compared over time.
+"""Enters noise analyses into a register, reads them, and compares them over time.
 
-E_n of a coefficient against the analysis before is |Δ|/(2 √(u₁² + u₂²)), with the u of both; above
-1 the coefficient changed. Two analyses of one recording are no repeats: the later entry counts.
+E_n of a coefficient against the previous analysis is |Δ|/(2 √(u₁² + u₂²)), with the u of both;
+above 1 the coefficient changed. Two analyses of one recording are not repeats, so only the later
+entry counts.
 """
 
 import hashlib
@@ -76,7 +77,7 @@ class NoiseEntry:
     measured : str
         When, ISO 8601, UTC.
     measured_from : "stated" or "entered"
-        Whose time that is: the user's, or that of the entry.
+        Source of that time: the user, or the time of entry.
     source : str
         The recording's file.
     recording_sha256 : str
@@ -111,7 +112,7 @@ class NoiseTrend:
     ----------
     channel, symbol, unit : str
     entries : tuple of NoiseEntry
-        Those that have it, the oldest first.
+        The entries that have it, oldest first.
     values : tuple of NoiseCoefficient
         One of each entry.
     """
@@ -124,7 +125,7 @@ class NoiseTrend:
 
     @property
     def normalised_errors(self) -> tuple[float | None, ...]:
-        """E_n against the value before; None of the first, and beside an upper limit."""
+        """E_n against the previous value; None for the first and next to an upper limit."""
         found: list[float | None] = [None]
         for before, after in zip(self.values[:-1], self.values[1:], strict=True):
             u = hypot(before.u, after.u)
@@ -134,7 +135,7 @@ class NoiseTrend:
 
     @property
     def changed(self) -> bool:
-        """Whether the newest value differs from the one before, or no longer from zero."""
+        """Whether the newest value differs from the previous one, or no longer from zero."""
         last = self.normalised_errors[-1]
         return last is not None and last > 1
 
@@ -142,17 +143,19 @@ class NoiseTrend:
 def enter_noise(
     db: Connection, analysis: NoiseAnalysis, name: str, measured: str | None, who: EntryAuthor
 ) -> int:
-    """Enter an analysis of a sensor, which is entered too if it is new; return its number.
+    """Enter an analysis of a sensor, and the sensor if it is new; return the analysis's number.
 
-    An analysis of the same content of the same sensor is entered once.
+    The same analysis of the same sensor is entered only once.
 
     Raises
     ------
     InputError
-        No name, or `measured` is not a time.
+        The name is empty, or `measured` is not a time.
     """
     if not name.strip():
-        raise InputError("a noise analysis in the register needs a sensor's name", key="--sensor")
+        raise InputError(
+            "a noise analysis in the register needs the name of a sensor; give one", key="--sensor"
+        )
     time, origin = who.at, "entered"
     if measured is not None:
         try:
@@ -209,7 +212,7 @@ def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
     Raises
     ------
     InputError
-        The register's text is not what was entered.
+        The text in the register is not what was entered.
     """
     query = (
         select(noise_analysis, sensor.c.name.label("sensor"))
@@ -222,8 +225,8 @@ def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
     for row in rows:
         if hashlib.sha256(row.content.encode()).hexdigest() != row.sha256:
             raise InputError(
-                f"the register is damaged: the content of noise analysis {row.id} is not what was "
-                "entered; restore it from a copy",
+                f"the register is damaged: the content of noise analysis {row.id} is not what "
+                "was entered; restore the register from a copy",
                 key="--register",
             )
     return tuple(
@@ -256,7 +259,7 @@ def _coefficients(
 
 
 def noise_trends(entries: tuple[NoiseEntry, ...]) -> tuple[NoiseTrend, ...]:
-    """Return the coefficients of all channels over time, of each recording by its last entry."""
+    """Return the coefficients of all channels over time, using each recording's last entry."""
     last = {one.recording_sha256 or f"#{one.id}": one.id for one in sorted(entries, key=_number)}
     kept = [one for one in entries if last[one.recording_sha256 or f"#{one.id}"] == one.id]
     points: dict[tuple[str, str, str], list[tuple[NoiseEntry, NoiseCoefficient]]] = {}

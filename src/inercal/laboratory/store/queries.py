@@ -1,4 +1,4 @@
-"""What is read from a register, as entries."""
+"""Reads entries from a register."""
 
 import json
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ def _axis_names(text: str, sensor_name: str) -> tuple[str, ...]:
     try:
         return tuple(str(axis["name"]) for axis in json.loads(text))
     except (ValueError, TypeError, LookupError, RecursionError):
-        raise _damaged_error(f"axes of sensor {sensor_name!r} is {shorten(text)!r}") from None
+        raise _damaged_error(f"the axes of sensor {sensor_name!r} are {shorten(text)!r}") from None
 
 
 def _damaged_error(what: str) -> InputError:
@@ -92,7 +92,8 @@ def find_sensor(db: Connection, key: int | str) -> SensorEntry:
     known = [repr(each.name) for each in sensors(db)]
     listed = ", ".join(known[:_MAX_LISTED]) + ", …" * (len(known) > _MAX_LISTED)
     raise InputError(
-        f"no sensor {key!r} in the register; {f'it has {listed}' if known else 'it is empty'}",
+        f"there is no sensor {key!r} in the register; "
+        f"{f'it has {listed}' if known else 'it is empty'}",
         names=(str(key),),
     )
 
@@ -100,7 +101,7 @@ def find_sensor(db: Connection, key: int | str) -> SensorEntry:
 def runs(
     db: Connection, *where: ColumnElement[bool], newest: int | None = None
 ) -> tuple[RunEntry, ...]:
-    """Return the runs by their begin, or the newest; `where` is of the table of runs."""
+    """Return all runs by their begin, or the newest; `where` filters the table of runs."""
     query = (
         select(run, sensor.c.name.label("sensor"), bench.c.kind, bench.c.name.label("bench"))
         .join(sensor, sensor.c.id == run.c.sensor_id)
@@ -131,7 +132,7 @@ def runs(
 def calibrations(
     db: Connection, *where: ColumnElement[bool], newest: int | None = None
 ) -> tuple[CalibrationEntry, ...]:
-    """Return calibrations, or the newest, in the order in which they were measured."""
+    """Return all calibrations, or the newest, in the order of measurement."""
     query = (
         select(
             calibration,
@@ -151,7 +152,7 @@ def calibrations(
 
 
 def calibration_numbers(db: Connection, *where: ColumnElement[bool]) -> tuple[int, ...]:
-    """Return the ids of calibrations in the order in which they were measured."""
+    """Return the ids of calibrations in the order of measurement."""
     query = select(calibration.c.id).where(*where)
     return tuple(db.scalars(query.order_by(calibration.c.measured, calibration.c.id)))
 
@@ -182,8 +183,8 @@ def find_calibration(db: Connection, number: int) -> CalibrationEntry:
         return found[0]
     last = db.scalar(select(func.max(calibration.c.id)))
     raise InputError(
-        f"no calibration #{number} in the register; "
-        f"{f'the last is #{last}' if last else 'it has no calibrations'}",
+        f"there is no calibration #{number} in the register; "
+        f"{f'the last one is #{last}' if last else 'it has no calibrations'}",
         names=(f"#{number}",),
     )
 

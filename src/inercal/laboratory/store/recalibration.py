@@ -1,31 +1,31 @@
 """When a sensor should be calibrated next, by the methods of ILAC-G24:2022 (OIML D 10).
 
 A limit is either the tolerance of a coefficient, [specification.limits] of its newest calibration,
-or the largest U that a user accepts. Δt after the newest calibration, which reads y with its own
-variance s², a coefficient is uncertain by::
+or the largest U that a user accepts. At a time Δt after the newest calibration, which gave the
+value y with its own variance s², the uncertainty of a coefficient is::
 
     U²(Δt) = t_ν² (2τ² + s² + q Δt + u_b² Δt²) + 4 u_B²,   e(Δt) = y + b Δt
 
-τ is the scatter of calibrations, which this use and that calibration both have, q the variance a
-year of a random walk, b ± u_b the drift a year, 0 ± u_b where no drift is found, u_B what
-calibrations share.
+τ is the scatter of calibrations (in both this use and that calibration), q the variance per year of
+a random walk, b ± u_b the drift per year (0 ± u_b if no drift is found), and u_B the uncertainty
+that calibrations share.
 
 prediction
-    The longest Δt with U(Δt) + |b| Δt within the limit of U; of a tolerance, with a probability of
-    at least 95 % that the coefficient is within it.
+    The longest Δt for which U(Δt) + |b| Δt stays within the limit of U or, for a tolerance, for
+    which the coefficient is within it with a probability of at least 95 %.
 chart
-    The time in which the largest change a year that was seen between two calibrations leads from
-    the newest value to the limit.
+    The time in which the newest value would reach the limit at the largest yearly change seen
+    between two calibrations.
 staircase
-    The last interval times 1.1 where the newest calibration found the coefficient within its
-    limit, else times 0.45. In the long run that holds 89 % within.
+    The last interval times 1.1 if the newest calibration found the coefficient within its limit,
+    otherwise times 0.45. In the long run this keeps 89 % within the limit.
 time in use
-    The prediction over operating hours in place of years, where three calibrations state them
+    The prediction over operating hours instead of years, if three calibrations state them
     ([job] operating_hours).
 
-The prediction decides, and the house rule caps it: never more than twice the longest interval that
-was seen. With fewer than five calibrations of its own a sensor takes U(Δt), and the largest change
-a year, of the sensors of its type (`type_pool`), unless its own calibrations scatter more.
+The prediction decides, but the house rule limits it to twice the longest interval seen so far. A
+sensor with fewer than five calibrations of its own uses U(Δt) and the largest yearly change of the
+sensors of its type (`type_pool`), unless its own calibrations scatter more.
 """
 
 # scipy has no type stubs.
@@ -66,9 +66,9 @@ class CoefficientLimit:
     Parameters
     ----------
     lower, upper : float
-        Tolerance; infinite where there is none.
+        Tolerance; infinite if there is none.
     expanded : float
-        Largest U; infinite where none is stated.
+        Largest U; infinite if none is stated.
     """
 
     lower: float = -inf
@@ -78,7 +78,7 @@ class CoefficientLimit:
 
 @dataclass(frozen=True)
 class CoefficientInterval:
-    """The intervals of one coefficient, in years; None where a method has too few data.
+    """The intervals of one coefficient, in years; None if a method has too few data.
 
     Parameters
     ----------
@@ -86,14 +86,14 @@ class CoefficientInterval:
     limit : CoefficientLimit
     prediction, chart, staircase : float or None
     hours : float or None
-        By the time in use, hours.
+        Interval from the time in use, hours.
     sensors : int
-        Over how many sensors of the type prediction and chart are pooled; 0 where they are of the
+        Number of sensors over which prediction and chart are pooled; 0 if they come from the
         sensor's own calibrations.
     is_apart : bool
-        Whether its calibrations scatter otherwise than those of its type, so that no pool is taken.
+        Whether its calibrations scatter differently from those of its type, so no pool is used.
     expanded : float or None
-        U predicted for a use right after the newest calibration, SI; None without a prediction.
+        U predicted for a use just after the newest calibration, SI; None without a prediction.
     """
 
     name: str
@@ -115,13 +115,13 @@ class Recalibration:
     ----------
     history : SensorHistory
     rows : tuple of CoefficientInterval
-        Of the coefficients with limits.
+        One for each coefficient with a limit.
     longest : float
-        Twice the longest interval that was seen, years.
+        Twice the longest interval seen so far, years.
     in_use : float or None
-        Part of the time in use.
+        Fraction of the time in which the sensor is in use.
     pool : TypePool or None
-        The sensors of the type, where one of the rows is pooled over them.
+        The sensors of the type, if one of the rows is pooled over them.
     """
 
     history: SensorHistory
@@ -132,13 +132,13 @@ class Recalibration:
 
     @property
     def years(self) -> float | None:
-        """The interval; None where no prediction can be made."""
+        """The interval in years; None if no prediction can be made."""
         found = [one.prediction for one in self.rows if one.prediction is not None]
         return min(*found, self.longest, inf) if found else None
 
     @property
     def decided_by(self) -> str:
-        """The coefficient whose prediction is the shortest, or "house rule"; empty for none."""
+        """The coefficient with the shortest prediction, or "house rule"; empty without one."""
         known = [one for one in self.rows if one.prediction is not None]
         if not known:
             return ""
@@ -154,14 +154,14 @@ class Recalibration:
 
     @property
     def hours_in_use(self) -> float | None:
-        """The interval as hours of use; None where the part of the time in use is not stated."""
+        """The interval in hours of use; None if the fraction of time in use is not stated."""
         if self.years is None or self.in_use is None:
             return None
         return self.years * YEAR / _HOUR * self.in_use
 
     @property
     def operating_hours(self) -> float | None:
-        """Operating hours of the sensor at which to calibrate; None where they are not known."""
+        """Operating hours at which to calibrate the sensor; None if they are not known."""
         hours = self.history.operating_hours
         found = [one.hours for one in self.rows if one.hours is not None]
         known = [one for one in hours if one is not None]
@@ -193,23 +193,22 @@ def recalibration(
     stated : mapping of str to str, optional
         Largest U by coefficient, group or axis: {"bias": "1 mg"}.
     in_use : float, optional
-        Part of the time in use, 0 to 1.
+        Fraction of the time in which the sensor is in use, 0 to 1.
     pool : TypePool, optional
         For a sensor that `needs_pool`.
 
     Raises
     ------
     InputError
-        A word that selects no coefficient, a quantity that does not fit, or a pool that is not
-        needed.
+        A word selects no coefficient, a quantity does not fit, or a pool is given but not needed.
     """
     if in_use is not None and not 0 < in_use <= 1:
-        raise InputError("--in-use must be above 0 and at most 100 %", key="--in-use")
+        raise InputError("--in-use must be more than 0 and at most 100 %", key="--in-use")
     limits = coefficient_limits(history, stated or {})
     if pool is not None and not needs_pool(history):
         raise InputError(
-            f"--like: {history.sensor.name} has "
-            f"{format_count(len(history.entries), 'calibration')} of its own; remove --like",
+            f"--like is not needed, because {history.sensor.name} has "
+            f"{format_count(len(history.entries), 'calibration')} of its own; remove it",
             key="--like",
         )
     if (
@@ -240,7 +239,7 @@ def recalibration(
 def coefficient_limits(
     history: SensorHistory, stated: Mapping[str, str]
 ) -> dict[str, CoefficientLimit]:
-    """Return the limits by full name: those stated, else the tolerances of the newest."""
+    """Return the limits by full name: the stated ones, or else the tolerances of the newest."""
     newest = history.entries[-1].calibration
     is_turned = history.calibrations[-1].frame != newest.frame  # its limits are of its own frame
     found = {
@@ -261,7 +260,8 @@ def coefficient_limits(
                 continue
             if size.sd or size.value <= 0:
                 raise InputError(
-                    f"--limit {word}: {text!r} must be one positive quantity", key="--limit"
+                    f"--limit {word}: {text!r} is not possible; give one positive quantity",
+                    key="--limit",
                 )
             found[name] = CoefficientLimit(expanded=size.value)
             fitting += 1
@@ -269,7 +269,7 @@ def coefficient_limits(
             if errors:
                 raise errors[0].located(f"--limit {word}", key="--limit")
             raise InputError(
-                f"--limit {word}: not in this history; it has {', '.join(sorted(names))}",
+                f"--limit: this history has no {word}; it has {', '.join(sorted(names))}",
                 key="--limit",
                 names=(word,),
             )
@@ -277,7 +277,7 @@ def coefficient_limits(
 
 
 def expanded_after(trend: CoefficientTrend, years: float) -> float:
-    """Return U some years after the newest calibration, without the drift, SI."""
+    """Return U a number of years after the newest calibration, without the drift, SI."""
     courses = trend.courses
     assert courses is not None  # `_interval`
     line = courses.line
@@ -329,7 +329,7 @@ def _interval(
 
 
 def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> CoefficientTrend | None:
-    """Return a trend with years of operation as its times; None where fewer than three are known.
+    """Return a trend with years of operation as its times; None if fewer than three are known.
 
     Of the newest calibrations, which all state operating hours that grow.
     """
@@ -360,7 +360,7 @@ def _expanded(trend: CoefficientTrend, pooled: PooledChange | None, years: float
 def _longest(
     trend: CoefficientTrend, limit: CoefficientLimit, pooled: PooledChange | None = None
 ) -> float:
-    """Return the longest interval of the prediction, years; 0 where the limit is exceeded now."""
+    """Return the longest interval of the prediction, years; 0 if the limit is exceeded now."""
     courses = trend.courses if pooled is None else None
     slope = courses.line.slope.slope if courses is not None and courses.drifts else 0.0
 

@@ -1,4 +1,4 @@
-"""The next calibration in words and rounded figures."""
+"""Describes the next calibration in words and rounded numbers."""
 
 from datetime import datetime
 from math import isfinite
@@ -11,7 +11,7 @@ _DAY = 86_400.0
 
 
 def interval_text(years: float | None) -> str:
-    """Return an interval in days; empty where there is none."""
+    """Return an interval in days; empty if there is none."""
     return "" if years is None else f"{years * YEAR / _DAY:.0f}"
 
 
@@ -26,7 +26,7 @@ def limit_text(found: Recalibration, one: CoefficientInterval) -> str:
 
 
 def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return heads and cells of the intervals of each coefficient, after its name and limit."""
+    """Return the heads and cells of a table of intervals, one row for each coefficient."""
     heads = ["predicted U now", "prediction, days", "chart", "staircase"]
     columns = [
         [expanded_text(found, one) for one in found.rows],
@@ -44,7 +44,7 @@ def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[st
 
 
 def expanded_text(found: Recalibration, one: CoefficientInterval) -> str:
-    """Return U of a use right after the newest calibration; empty without a prediction."""
+    """Return U of a use just after the newest calibration; empty without a prediction."""
     if one.expanded is None:
         return ""
     trend = found.history.trend(one.name)
@@ -58,14 +58,19 @@ def _exceedance_text(found: Recalibration) -> str:
     trend = found.history.trend(one.name)
     limit, expanded = limit_text(found, one), expanded_text(found, one)
     if isfinite(one.limit.expanded):
-        text = f"predicted U {expanded} exceeds the limit {limit} on the day of the newest"
-        text += " calibration; it holds the scatter of that calibration and of the use"
+        text = (
+            f"the predicted U {expanded} already exceeds the limit {limit} on the day of the newest"
+        )
+        text += " calibration (it includes the scatter of that calibration and of the use)"
     else:
         value = format_value_and_uncertainty(
             float(trend.values[-1]) / trend.si, (one.expanded or 0.0) / trend.si
         )[0]
-        text = f"{value} with the predicted U {expanded} is within {limit} with less than 95 %"
-    return f"next calibration now: {one.name}: {text}"
+        text = (
+            f"{value} with the predicted U {expanded} is within {limit} with a probability below "
+            "95 %"
+        )
+    return f"calibrate now: {one.name}: {text}"
 
 
 def _too_few_text(found: Recalibration) -> str:
@@ -80,13 +85,14 @@ def _too_few_text(found: Recalibration) -> str:
         "predict; " if count < 3 else ""
     )  # fmt: skip
     return (
-        f"no date of the next calibration: {have}a prediction takes three calibrations or more, or "
-        "sensors of the same type with two each; state [job] model, or name them by --like"
+        f"the date of the next calibration cannot be predicted: {have}a prediction needs three "
+        "calibrations of this sensor, or two each of sensors of the same type; state [job] "
+        "model, or name such sensors with --like"
     )
 
 
 def hours_text(hours: float | None) -> str:
-    """Return operating hours; empty where there are none."""
+    """Return operating hours; empty if there are none."""
     return "" if hours is None else f"{hours:.0f}"
 
 
@@ -105,24 +111,25 @@ def _pool_lines(found: Recalibration) -> list[str]:
     apart = [one.name for one in found.rows if one.is_apart]
     if apart:
         lines.append(
-            f"{', '.join(apart)}: not pooled, for the sensor's own calibrations scatter more than "
-            "those of its type"
+            f"{', '.join(apart)}: not pooled, because the sensor's own calibrations scatter "
+            "more than those of its type"
         )
     return lines
 
 
 def recalibration_lines(found: Recalibration) -> list[str]:
-    """Return what follows for the next calibration."""
+    """Return lines that say when to calibrate next, and why."""
     if not found.rows:
         return [
-            "no date of the next calibration: no limits are known; state [specification.limits] "
-            "in the run file, or the largest U by --limit"
+            "the date of the next calibration cannot be predicted, because no limits are "
+            "known; state [specification.limits] in the run file, or the largest acceptable U "
+            "with --limit"
         ]
     if found.years is None:
         return [_too_few_text(found), *_pool_lines(found)]
     by = found.decided_by
     reason = (
-        "never more than twice the longest interval that was seen"
+        "an interval is never more than twice the longest one so far"
         if by == "house rule"
         else f"{by} is predicted to reach its limit then"
     )
@@ -131,7 +138,7 @@ def recalibration_lines(found: Recalibration) -> list[str]:
         text = _exceedance_text(found)
     lines = [text, *_pool_lines(found)]
     if (reading := found.operating_hours) is not None:
-        lines.append(f"at the latest at {reading:.0f} operating hours, by the time in use")
+        lines.append(f"or at {reading:.0f} operating hours, if that comes first")
     if (hours := found.hours_in_use) is not None:
         lines.append(f"that is {hours:.0f} hours of use")
     return lines

@@ -1,4 +1,4 @@
-"""The register itself: what is entered, and what is read from it."""
+"""The register itself: entering things and reading them."""
 
 import os
 from collections.abc import Callable, Collection, Generator, Sequence
@@ -35,35 +35,35 @@ Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connect
 
 
 class Register:
-    """Sensors, benches, runs, hashes of raw data and calibrations; who entered them, and when.
+    """Stores sensors, benches, runs, hashes of raw data and calibrations, with author and time.
 
-    A context manager. Each call is a transaction of its own; several processes and threads may
-    have the same register open.
+    It is a context manager. Each call is a separate transaction, and several processes and threads
+    may have the same register open.
 
     Parameters
     ----------
     address : str, optional
-        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE"; None or "default" is what
-        $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
+        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE"; None or "default" means
+        $INERCAL_REGISTER, or else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
     by : str, optional
-        Who enters things; the user of the system where nobody is named.
+        Who enters things; by default the user of the system.
     create : bool
-        Whether a register that does not exist is created, as soon as it is used.
+        Whether a missing register is created on first use.
 
     Attributes
     ----------
     files : tuple of Path
-        The file of the register; none on a server.
+        The file of the register; empty for a server.
     address : str
-        To be printed, without a password.
+        For printing, without a password.
     exists : bool
-        Whether it is there; else it is created as soon as it is used.
+        Whether it exists; otherwise it is created on first use.
 
     Raises
     ------
     InputError
-        Nothing can be opened there, or it is not a register, or one of a newer version; with
-        `create` false also where there is none.
+        Nothing can be opened there, or it is not a register or one of a newer version, or there is
+        none and `create` is false.
     """
 
     def __init__(self, address: str | None = None, by: str | None = None, *, create: bool = True):
@@ -106,7 +106,7 @@ class Register:
     def runs(
         self, sensor: int | str | None = None, newest: int | None = None
     ) -> tuple[RunEntry, ...]:
-        """Return all runs, or those of one sensor, by their begin; of many the `newest` alone."""
+        """Return all runs, or those of one sensor, by their begin, or only the `newest`."""
         with self._transaction(read_transaction) as db:
             if sensor is None:
                 return queries.runs(db, newest=newest)
@@ -116,14 +116,14 @@ class Register:
     def calibrations(
         self, sensor: int | str | None = None, newest: int | None = None
     ) -> tuple[CalibrationEntry, ...]:
-        """Return all calibrations, or those of one sensor, as they were measured.
+        """Return all calibrations, or those of one sensor, in the order of measurement.
 
         Parameters
         ----------
         sensor : int or str, optional
-            Its id or its name.
+            Id or name.
         newest : int, optional
-            How many of them, the last measured; None returns all.
+            Return only this many, the last measured ones; None returns all.
         """
         with self._transaction(read_transaction) as db:
             if sensor is None:
@@ -132,13 +132,13 @@ class Register:
             return queries.calibrations(db, calibration.c.sensor_id == one.id, newest=newest)
 
     def entered_sha256(self, wanted: Collection[str]) -> set[str]:
-        """Return those of the wanted SHA-256 of calibration files that the register has."""
+        """Return which of these SHA-256 of calibration files are in the register."""
         with self._transaction(read_transaction) as db:
             query = select(calibration.c.sha256).where(calibration.c.sha256.in_(wanted))
             return set(db.scalars(query))
 
     def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
-        """Return the numbers of all calibrations, or of those of one run, as they were measured."""
+        """Return the numbers of all calibrations or of one run's, in the order of measurement."""
         with self._transaction(read_transaction) as db:
             if run_id is None:
                 return queries.calibration_numbers(db)
@@ -150,13 +150,13 @@ class Register:
         Raises
         ------
         InputError
-            There is none of that number.
+            No calibration has that number.
         """
         with self._transaction(read_transaction) as db:
             return queries.find_calibration(db, number)
 
     def coefficients(self, number: int) -> Sequence[tuple[str, float, float, str]]:
-        """Return name, value, standard uncertainty (k = 1) and SI unit of a calibration's."""
+        """Return name, value, standard uncertainty (k = 1) and SI unit of each coefficient."""
         with self._transaction(read_transaction) as db:
             return queries.coefficients(db, number)
 
@@ -172,7 +172,7 @@ class Register:
         return build_history(one, self.calibrations(one.id))
 
     def noise_history(self, sensor: int | str) -> tuple[NoiseEntry, ...]:
-        """Return the noise analyses of a sensor as they were measured."""
+        """Return the noise analyses of a sensor in the order of measurement."""
         with self._transaction(read_transaction) as db:
             return read_noise(db, queries.find_sensor(db, sensor).id)
 
@@ -182,18 +182,18 @@ class Register:
         Raises
         ------
         InputError
-            No name, or `measured` is not a time, ISO 8601.
+            The name is empty, or `measured` is not a time in ISO 8601.
         """
         with self._transaction(write_transaction) as db:
             return enter_noise(db, analysis, sensor, measured, self._author())
 
     def enter_sensor(self, sensor: Sensor) -> int:
-        """Enter a sensor; return its id, which is that of the one that is there already.
+        """Enter a sensor and return its id; a sensor that is already there keeps its id.
 
         Raises
         ------
         InputError
-            An axis measures something else than that of the same name in the register.
+            An axis measures a different quantity from the axis of that name in the register.
         """
         with self._transaction(write_transaction) as db:
             return insertions.enter_sensor(db, sensor, self._author())
@@ -201,14 +201,14 @@ class Register:
     def enter_run(
         self, facts: RunFacts, calibration: Calibration | str | Path | None = None
     ) -> int:
-        """Enter a run, and its calibration or the file of it; return the run's id.
+        """Enter a run and its calibration, if any; return the run's id.
 
-        Of a run that is there state, folder and files are brought up to date, and nothing else.
+        For a run that is already there, only its state, folder and files are updated.
 
         Raises
         ------
         InputError
-            The calibration file cannot be used; nothing is entered then.
+            The calibration file cannot be used; then nothing is entered.
         """
         result = None if calibration is None else make_document(calibration)
         kind = "" if result is None else _bench_kind(result.calibration)
@@ -221,14 +221,14 @@ class Register:
     def enter_calibration(
         self, source: Calibration | str | Path, measured: str | None = None
     ) -> int:
-        """Enter a calibration, or that of a file; return its number.
+        """Enter a calibration or a calibration file; return its number.
 
         Parameters
         ----------
         source : Calibration or path
         measured : str, optional
-            When, ISO 8601; else the begin of the run whose recording it is of, where that is in
-            the register, else when the calibration was made.
+            Time of measurement, ISO 8601. By default it is the begin of the run whose recording
+            was calibrated, if the register has it, or else when the calibration was made.
 
         Raises
         ------
@@ -242,13 +242,14 @@ class Register:
     ) -> tuple[int, ...]:
         """Enter several calibrations, all or none; return their numbers.
 
-        One that is there already keeps all but a date that only its file gave: `measured` replaces
-        that.
+        A calibration that is already there stays unchanged, except that `measured` replaces a date
+        that only its file gave.
 
         Raises
         ------
         InputError
-            As `enter_calibration`, or one that is there has another date, stated or of its run.
+            As `enter_calibration`, or one that is already there has another date, stated or from
+            its run.
         """
         if measured is not None:
             try:
@@ -277,20 +278,20 @@ class Register:
         wanted: certificates.CertificateRequest,
         measured: str,
     ) -> certificates.CertificateEntry:
-        """Issue a certificate of a calibration with the next number; the calibration is entered.
+        """Issue a certificate with the next number, and enter its calibration.
 
         Parameters
         ----------
         source : Calibration or path
         wanted : CertificateRequest
         measured : str
-            When the calibration was measured, ISO 8601, where it is new to the register.
+            Time of measurement, ISO 8601, for a calibration that is new to the register.
 
         Raises
         ------
         InputError
             The file cannot be used, an earlier certificate is unknown, or the files of the
-            certificate cannot be made; no number is used then.
+            certificate cannot be made; then no number is used.
         """
         document = make_document(source)
         kind = _bench_kind(document.calibration)
@@ -311,7 +312,7 @@ class Register:
             return certificates.find_certificate(db, number)
 
     def certificates(self) -> tuple[certificates.CertificateSummary, ...]:
-        """Return all certificates without their files, as they were issued."""
+        """Return all certificates without their files, in the order of issue."""
         with self._transaction(read_transaction) as db:
             return certificates.list_certificates(db)
 
@@ -324,7 +325,7 @@ class Register:
         return insertions.EntryAuthor(self._by, utc_now())
 
     def close(self) -> None:
-        """Let go of the database."""
+        """Close the database."""
         self._engine.dispose()
 
     def __enter__(self) -> Self:

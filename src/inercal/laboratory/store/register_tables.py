@@ -1,6 +1,6 @@
-"""The tables of a register. A change of them goes with a revision in `migrations/versions`.
+"""The tables of a register; a change of them needs a revision in `migrations/versions`.
 
-Times are texts, ISO 8601 in UTC to the millisecond, so that they sort as they follow one another.
+Times are texts in ISO 8601, UTC, to the millisecond, so that they sort in the order of time.
 """
 
 from sqlalchemy import (

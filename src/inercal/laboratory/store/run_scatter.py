@@ -1,4 +1,4 @@
-"""The scatter of a sensor from run to run, by its other calibrations in the register."""
+"""The scatter of a sensor from run to run, from its other calibrations in the register."""
 
 from collections.abc import Collection
 
@@ -14,13 +14,13 @@ LEAST = 3
 
 
 def run_scatter(history: SensorHistory, without: Collection[int]) -> RunScatter | None:
-    """Return the scatter τ of each coefficient; None where there are too few calibrations.
+    """Return the scatter τ of each coefficient; None if there are too few calibrations.
 
     Parameters
     ----------
     history : SensorHistory
     without : collection of int
-        Numbers of calibrations that are left out: those that are compared.
+        Numbers of the calibrations to leave out, because they are the ones compared.
     """
     kept = {k for k, one in enumerate(history.entries) if one.id not in without}
     names: list[str] = []
@@ -38,7 +38,7 @@ def run_scatter(history: SensorHistory, without: Collection[int]) -> RunScatter 
 
 
 def newest_run_to_run(history: SensorHistory) -> RunToRun | None:
-    """Return the newest calibration against the previous one and the scatter of those before."""
+    """Compare the newest calibration with the previous one, given the scatter of earlier ones."""
     if len(history.entries) < LEAST + 2:
         return None
     scatter = run_scatter(history, [one.id for one in history.entries[-2:]])

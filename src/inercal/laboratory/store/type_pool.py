@@ -1,21 +1,21 @@
 """How sensors of one type scatter and drift, for a sensor with too few calibrations of its own.
 
-Sensor s of the type has k_s calibrations of a coefficient at times t, with own variances and a part
-S that they share. Its level θ_s is free. All sensors and like axes have the same variances::
+Sensor s of the type has k_s calibrations of a coefficient at times t, with their own variances and
+a shared covariance S. Its level θ_s is free. All sensors and like axes have the same variances::
 
     y = θ_s + b_s t + w(t) + e,   cov(e) = diag(s_i²) + S + τ² I
     b_s ~ N(0, σ_b²),   w a random walk of variance q a year
 
-σ_b² is the mean square of the drifts about zero, so that an ageing which all sensors have belongs
-to it. τ², σ_b² and q maximise the restricted likelihood of all sensors together. Δt after a
-calibration with its own variance s² the coefficient of another sensor of the type is uncertain by::
+σ_b² is the mean square of the drifts about zero, so it includes an ageing that all sensors have.
+τ², σ_b² and q maximise the restricted likelihood of all sensors together. At a time Δt after a
+calibration with its own variance s², the coefficient of another sensor of the type has::
 
     U²(Δt) = t_ν² (2τ² + s² + q Δt) + t_m² σ_b² Δt² + 4 u_B²
 
-with ν = Σ (k_s − 1) over sensors and like axes, and m the number of these. Where no sensor has
-three calibrations, scatter and drift cannot be distinguished: the larger U(Δt) by scatter alone and
-by drift alone is taken. A coefficient whose sensors alone give a larger U(Δt) than all like axes
-takes its own variances, with the same ν and m.
+with ν = Σ (k_s − 1) over sensors and like axes, and m their number. If no sensor has three
+calibrations, scatter and drift cannot be distinguished, so the larger U(Δt) of scatter only and
+drift only is used. If a coefficient by itself gives a larger U(Δt) than all like axes together, it
+uses its own variances, with the same ν and m.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ _LEAST_P = 0.01  # that a sensor is of its type
 
 
 class ChangeVariances(NamedTuple):
-    """τ², q a year and σ_b² a year², SI."""
+    """The variances τ², q (per year) and σ_b² (per year²), SI."""
 
     scatter: float
     walk: float
@@ -58,11 +58,11 @@ class PooledChange:
     ----------
     sensors : int
     variances : tuple of ChangeVariances
-        Of all like axes, and of this coefficient alone: the larger U counts.
+        Those of all like axes, and those of this coefficient only; the larger U is used.
     dof, slope_dof : float
         ν and m.
     rate : float
-        Largest change a year between two calibrations of a sensor, SI.
+        Largest yearly change between two calibrations of a sensor, SI.
     """
 
     sensors: int
@@ -72,12 +72,12 @@ class PooledChange:
     rate: float
 
     def expanded_after(self, own: float, shared: float, years: float) -> float:
-        """Return U some years after a calibration, SI.
+        """Return U a number of years after a calibration, SI.
 
         Parameters
         ----------
         own, shared : float
-            Variances of that calibration: its own, and what others share.
+            Variances of that calibration: its own part, and the part that it shares with others.
         years : float
         """
         factor, of_slope = expanded_uncertainty(np.ones(2), np.array([self.dof, self.slope_dof]))
@@ -89,7 +89,7 @@ class PooledChange:
         return float(np.sqrt(max(squares) + COVERAGE**2 * shared))
 
     def is_of_type(self, trend: CoefficientTrend) -> bool:
-        """Tell whether a sensor's own calibrations scatter as those of its type do."""
+        """Tell whether a sensor's own calibrations scatter like those of its type."""
         if trend.time.size < 2:
             return True
         block = _block(trend, 1.0, 1.0)
@@ -103,18 +103,18 @@ class PooledChange:
 
 @dataclass(frozen=True, eq=False)
 class TypePool:
-    """What the sensors of a type say together.
+    """What the sensors of a type say about scatter and drift.
 
     Parameters
     ----------
     type_name : str
-        As printed, "QA 2000"; empty where the sensors were named.
+        As printed, such as "QA 2000"; empty if the sensors were named.
     sensors : tuple of str
-        Those with two calibrations or more.
+        The sensors with two calibrations or more.
     changes : mapping of str to PooledChange
         By full name of a coefficient.
     longest : float
-        Longest interval that was seen, years.
+        Longest interval between calibrations, years.
     """
 
     type_name: str
@@ -126,21 +126,23 @@ class TypePool:
 def type_pool(
     register: "Register", own: SensorHistory, like: Sequence[str] = ()
 ) -> TypePool | None:
-    """Return what the sensors of a type say; None where the type is not known or none has two.
+    """Return what the sensors of a type say; None if unknown or too few.
+
+    Too few means that no sensor has two calibrations.
 
     Parameters
     ----------
     register : Register
     own : SensorHistory
-        Of the sensor in question; it belongs to the pool where it has two calibrations.
+        History of the sensor in question, which belongs to the pool if it has two calibrations.
     like : sequence of str
-        Names of the other sensors; without names those whose newest calibration states the same
+        Names of the other sensors; by default those whose newest calibration states the same
         model and maker in [job].
 
     Raises
     ------
     InputError
-        No sensor of that name, or one that was never calibrated or has no axis of this sensor.
+        There is no sensor of that name, or it was never calibrated or has no axis of this sensor.
     """
     name = "" if like else _type_name(own)
     others = (
@@ -152,7 +154,8 @@ def type_pool(
         for one in others:
             if not {t.name for t in one.trends} & {t.name for t in own.trends}:
                 raise InputError(
-                    f"--like {one.sensor.name}: it has no coefficient of {own.sensor.name}",
+                    f"--like {one.sensor.name}: this sensor has no coefficient of "
+                    f"{own.sensor.name}",
                     key="--like",
                     names=(one.sensor.name,),
                 )
@@ -162,9 +165,9 @@ def type_pool(
 def pool_of_histories(
     own: SensorHistory, others: Sequence[SensorHistory], type_name: str = ""
 ) -> TypePool | None:
-    """Return what histories say together; None where no sensor has two calibrations.
+    """Return what several histories say; None if no sensor has two calibrations.
 
-    Those in another frame or form than the newest calibration of `own` are left out.
+    Calibrations in another frame or form than the newest of `own` are left out.
     """
     newest = own.entries[-1].calibration
     terms = newest.frame, newest.sensor.form
@@ -206,7 +209,7 @@ def pool_of_histories(
 
 
 def pooled_change(found: Sequence[CoefficientTrend]) -> PooledChange:
-    """Return how coefficients change that have the same variances, with two values or more each."""
+    """Return how coefficients with the same variances change; each has two values or more."""
     parts = (_ALL,) if max(len(one.shared) for one in found) > 2 else _ALONE
     return PooledChange(
         len(found),

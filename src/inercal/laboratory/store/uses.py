@@ -1,7 +1,7 @@
-"""What a bench has made: the calibrations on it, and the uses of one of its qualifications.
+"""Finds the calibrations that were made on a bench, and those that used one of its qualifications.
 
-A calibration used a qualification where an error that it shares is of the determination, or where
-its provenance names the determination: a qualified scatter is no shared error.
+A calibration used a qualification if one of its shared errors comes from the determination, or if
+its provenance names the determination (a qualified scatter is not a shared error).
 """
 
 from collections.abc import Sequence
@@ -19,19 +19,19 @@ _MOST_NAMED = 8
 def calibrations_of_bench(
     entries: Sequence[CalibrationEntry], word: str
 ) -> tuple[CalibrationEntry, ...]:
-    """Return the calibrations on a bench, the last entered of each recording, in their order.
+    """Return the calibrations on a bench in their order, the last entered of each recording.
 
     Parameters
     ----------
     entries : sequence of CalibrationEntry
         Of a register.
     word : str
-        Name of the bench, or the kind of one without a name.
+        Name of the bench, or its kind if it has no name.
 
     Raises
     ------
     InputError
-        No such bench, or benches of several kinds with that name.
+        There is no such bench, or benches of several kinds have that name.
     """
     found = [one for one in entries if word == (one.bench or one.kind)]
     kinds = sorted({one.kind for one in found})
@@ -39,15 +39,15 @@ def calibrations_of_bench(
         known = sorted({one.bench or one.kind for one in entries} - {""})
         listed = ", ".join(map(repr, known[:_MOST_NAMED])) + ", …" * (len(known) > _MOST_NAMED)
         raise InputError(
-            f"--bench {word!r}: no calibration on it in the register; "
-            + (f"it has {listed}" if known else "it has none with a bench"),
+            f"--bench {word!r}: the register has no calibration on this bench; "
+            + (f"it has {listed}" if known else "it has none that names a bench"),
             key="--bench",
             names=(word,),
         )
     if len(kinds) > 1:
         raise InputError(
-            f"--bench {word!r}: benches of {len(kinds)} kinds have this name, {', '.join(kinds)}; "
-            "give each its own [bench] name",
+            f"--bench {word!r}: benches of {len(kinds)} kinds have this name "
+            f"({', '.join(kinds)}); give each its own [bench] name",
             key="--bench",
             names=(word,),
         )
@@ -63,7 +63,7 @@ class QualificationUse(NamedTuple):
         Its number in the register.
     sensor, measured : str
     parameters : tuple of str
-        The shared errors of the determination; empty where it shares none.
+        The shared errors of the determination; empty if there are none.
     certificates : tuple of str
         Their numbers.
     """
@@ -76,7 +76,7 @@ class QualificationUse(NamedTuple):
 
 
 def qualification_uses(register: Register, determination: str) -> tuple[QualificationUse, ...]:
-    """Return the calibrations that used a determination, as they were measured.
+    """Return the calibrations that used a determination, in the order of measurement.
 
     Parameters
     ----------

@@ -108,8 +108,8 @@ def plan(
         )
     if not rates or not all(rates):
         raise InputError(
-            "rates must hold at least one rate, and no rate of 0: at rest there is no dwell on the "
-            "arm",
+            "rates must contain at least one rate and no rate of 0, because at rest there is "
+            "no dwell on the arm",
             key="rates",
         )
     return tuple(
@@ -194,7 +194,7 @@ def _observability_note(estimate: Estimate) -> str:
 class ClosedFormulas:
     """An estimator of k0, k1 and k2 by closed formulas.
 
-    The covariance includes the readings' noise alone: the bench is taken as exact.
+    The covariance includes the readings' noise alone: the bench is treated as exact.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ class ClosedFormulas:
         steps: Spins,
         priors: Priors = (),
     ) -> Estimate:
-        """Return the estimate; arguments as of `ml`.
+        """Return the estimate; arguments as for `ml`.
 
         Raises
         ------
@@ -246,9 +246,9 @@ class ClosedFormulas:
             lost = np.array(sensor.coefficients)[rootless].tolist()
             axes = tuple(sorted({CoefficientName(name).axis for name in lost}))
             raise InputError(
-                f"estimator {self.name}: the noise makes the fourth-power coefficients of "
-                f"{', '.join(axes)} negative, and k2 is their square root; use estimator series or "
-                "ml",
+                f"estimator {self.name}: with this noise the fourth-power coefficients of "
+                f"{', '.join(axes)} are negative, but k2 is their square root; use estimator "
+                "series or ml",
                 names=axes,
             )
         slope = closed_formulas.linearise(

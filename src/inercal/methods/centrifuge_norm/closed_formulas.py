@@ -162,7 +162,7 @@ def regression_singular_values(sensor: Sensor, y: Array, name: str) -> Array:
     wanted = {f"{axis.name}.{short}" for axis in sensor.axes for short in TERMS}
     if len(sensor.axes) != 3 or set(sensor.coefficients) != wanted:
         raise InputError(
-            f"estimator {name} estimates exactly k0, k1 and k2 of three accelerometers; choose "
+            f"estimator {name} estimates only k0, k1 and k2 of three accelerometers; choose "
             "these, or use estimator ml",
             key="[method]",
             names=tuple(sorted(wanted ^ set(sensor.coefficients))),
@@ -182,9 +182,9 @@ def regression_singular_values(sensor: Sensor, y: Array, name: str) -> Array:
         large = np.flatnonzero(np.abs(vector) > 0.3 * np.abs(vector).max()).tolist()
         words = ", ".join(powers[k] for k in large)
         raise NotObserved(
-            f"estimator {name}: these dwells do not separate {words} (rank "
-            f"{int(np.sum(singular > 1e-10 * singular[0]))} of {scaled.shape[1]}); add a rate, or "
-            "attitudes all round the circle",
+            f"estimator {name}: these dwells cannot distinguish {words} (rank "
+            f"{int(np.sum(singular > 1e-10 * singular[0]))} of {scaled.shape[1]}); add a rate, "
+            "or attitudes all around the circle",
             (words,),
         )
     return singular

@@ -1,6 +1,6 @@
-"""Coefficients that were not chosen and would explain why the rows of a table scatter.
+"""Finds coefficients that were not chosen but would explain the scatter of a table's rows.
 
-Where rows scatter more than stated, the rows that agree best with one another are fitted alone, and
+Where rows scatter more than stated, the rows that agree best with each other are fitted alone, and
 the score tests of that fit rank the omitted coefficients. The first two that are significant are
 tried: a coefficient is named if the rows scatter far less with it, or far fewer rows are outliers.
 Then a second coefficient may be added.
@@ -42,7 +42,7 @@ class OmittedCoefficients:
     Parameters
     ----------
     words : tuple of str
-        As in [method] also; empty where no coefficient explains the scatter.
+        As in [method] also; empty if no coefficient explains the scatter.
     sensor : Sensor
         With them.
     before, after : float
@@ -70,7 +70,7 @@ class OmittedCoefficients:
         )
 
     def describe(self) -> str:
-        """Return what they explain."""
+        """Return a sentence that says what they explain."""
         return (
             f"{', '.join(self.words)} explains the residuals: without it most rows scatter "
             f"{self.before:.3g} times as much as stated and {self.outlier_counts[0]} rows are "
@@ -81,7 +81,7 @@ class OmittedCoefficients:
 def find_omitted_coefficients(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> OmittedCoefficients:
-    """Return the coefficients that explain why the rows scatter; arguments as of `screen_rows`.
+    """Return the coefficients that explain why the rows scatter; arguments as for `screen_rows`.
 
     Raises
     ------

@@ -51,7 +51,7 @@ _COMPARED = 16  # trials
 def likelihood_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
-    """Return the problem of `ml`: by vectors where the bench knows its attitudes, else by norms."""
+    """Return the problem of `ml`: by vectors if the bench knows its attitudes, else by norms."""
     build = norm_problem if bench.indexing is None else vector_problem
     return build(observations, sensor, bench, steps, priors)
 
@@ -59,7 +59,7 @@ def likelihood_problem(
 def norm_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
-    """Return the problem of norms alone; arguments as of `inercal.methods.centrifuge_norm.ml`.
+    """Return the problem with norms only; arguments as for `inercal.methods.centrifuge_norm.ml`.
 
     Its noise is standard deviations, or a covariance where rows share the errors of a dwell or a
     drift.
@@ -132,7 +132,7 @@ def _lever_arm_candidates(
 def exact_bench_norm_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins
 ) -> Problem:
-    """Return the problem of norms with the bench taken as exact: the readings' noise alone."""
+    """Return the problem of norms with an exact bench and only the readings' noise."""
     exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
     declared = exact.acting_parameters(steps, vectors=False)
     known = {name: replace(parameter, sd=0.0) for name, parameter in declared.items()}
@@ -279,7 +279,7 @@ def _ungauged_norm_problem(
 
 
 def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Spins) -> Bools | None:
-    """Return which rows share a dwell, (r, r); None where no error of a dwell is shared."""
+    """Return which rows share a dwell, (r, r); None if no error of a dwell is shared."""
     if not (bench.dwell_rate or bench.dwell_tilt):
         return None
     at_azimuth = np.array([step.azimuth is not None for step in steps])
@@ -291,7 +291,7 @@ def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Spins
 def vector_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
-    """Return the problem of vectors in known attitudes; arguments as of `norm_problem`.
+    """Return the problem of vectors in known attitudes; arguments as for `norm_problem`.
 
     Raises
     ------

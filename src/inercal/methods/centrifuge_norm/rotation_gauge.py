@@ -38,8 +38,8 @@ def require_gauge(sensor: Sensor, priors: Priors) -> None:
             free[f"{_ROTATION} about {axis} ({' + '.join(names)})"] = names
     if free:
         raise NotObserved(
-            f"norms do not determine the {'; the '.join(free)}: choose nonorthogonality, set "
-            '[sensor] frame = "symmetric", or give a prior',
+            f"the norms do not determine the {'; the '.join(free)}; choose nonorthogonality, "
+            'set [sensor] frame = "symmetric", or give a prior',
             tuple(free),
             names=tuple(name for names in free.values() for name in names),
         )
@@ -70,7 +70,7 @@ def rotation_null_directions(sensor: Sensor, size: int) -> tuple[tuple[str, Arra
 
 
 def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
-    """Return the gauge that makes the matrix of the misalignments symmetric, in that frame alone.
+    """Return the gauge that makes the matrix of the misalignments symmetric, only in that frame.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
     )
     if len(names) < 2 * len(sensor.axes):
         raise InputError(
-            '[sensor] frame = "symmetric" needs all misalignments of the triad: choose '
+            '[sensor] frame = "symmetric" needs all misalignments of the triad; choose '
             "misalignment, or remove the frame",
             key="[sensor] frame",
             names=tuple(n for n in _misalignment_axes(sensor) if n not in names),

@@ -1,9 +1,9 @@
-"""Rows of a table that violate the norm, and the single change that would repair each.
+"""Finds rows of a table that violate the norm, and the single change that would repair each.
 
 A table typed by hand or copied from print has lost signs, exchanged columns and wrong digits. The
 norm shows them without a reference: all rows are fitted under Cauchy's loss, whose threshold is
 halved from the largest residual to the noise (graduated non-convexity: Blake and Zisserman 1987,
-Visual Reconstruction, chapter 7), so that rows that agree with one another decide the fit. A fixed
+Visual Reconstruction, chapter 7), so that rows that agree with each other decide the fit. A fixed
 threshold fails: wrong rows bend the fit, and good rows have large residuals.
 
 Each suspect row is tried with one change at a time: the sign of an entry, two entries exchanged,
@@ -120,7 +120,7 @@ def screen_rows(
     observations, sensor, bench, steps, priors
         Of `inercal.methods.centrifuge_norm.ml`.
     agreement : Agreement, optional
-        Of these rows, where it is known.
+        Of these rows, if known.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def screen_rows(
 
 
 class Agreement(NamedTuple):
-    """How well rows agree with one another: a robust fit, and the scatter about it."""
+    """How well rows agree with each other: a robust fit, and the scatter about it."""
 
     fit: Estimate
     noise: float  # scatter of most rows over the stated one, 1 or more

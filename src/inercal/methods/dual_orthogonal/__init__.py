@@ -6,8 +6,8 @@ leaves free (`g_squared.NULL_DIRECTIONS`).
 
 * `joint`: all readings, exact, with the head's errors and the biases' drift as nuisances.
 * `patent`: bias and gain from the four cardinal positions, then g² elsewhere.
-* `dual`: g² alone, with priors in place of the autocollimator.
-* `single`: each accelerometer against the head taken as exact, the conventional tumble test.
+* `dual`: g² alone, with priors instead of the autocollimator.
+* `single`: each accelerometer against the head treated as exact, the conventional tumble test.
 
 The sensor is that of `inercal.benches.dividing_head.bench.mounted_sensor`; `joint` and `single`
 also take one accelerometer.
@@ -167,7 +167,7 @@ def patent(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients by four points, then g² elsewhere; arguments as of `joint`.
+    """Return the coefficients by four points, then g² elsewhere; arguments as for `joint`.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def dual(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients by g² alone and the priors; arguments as of `joint`.
+    """Return the coefficients from g² and the priors only; arguments as for `joint`.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def _with_common_angle(
 ) -> Estimate:
     """Return an estimate of g², of mounting angles ± δ/2, with their common part and its variance.
 
-    Arguments as of `joint`, of two accelerometers.
+    Arguments as for `joint`, of two accelerometers.
     """
     if not set(g_squared.MOUNTING_ANGLES) <= set(sensor.coefficients):
         return estimate
@@ -265,9 +265,10 @@ def single(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients of each accelerometer separately, the head taken as exact.
+    """Return the coefficients of each accelerometer separately, the head treated as exact.
 
-    Arguments as of `joint`. The covariance includes the effect of the bench's errors on the result.
+    Arguments as for `joint`. The covariance includes the effect of the bench's errors on the
+    result.
 
     Raises
     ------

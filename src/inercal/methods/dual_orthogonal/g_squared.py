@@ -1,4 +1,4 @@
-"""The g² observation: two orthogonal accelerometers sense g together, whatever the head's angle.
+"""The g² observation: two orthogonal accelerometers together sense g at any angle of the head.
 
 In g, with s = sin θ, c = cos θ and δ = δ_B − δ_A, z = ½(y_A² + y_B² − 1) is to first order
 
@@ -67,7 +67,7 @@ def design_matrix(theta: Array) -> Array:
 
 
 def null_vectors(sensor: Sensor, g: float) -> tuple[tuple[str, Array], ...]:
-    """Return the null directions whose coefficients the sensor has, (p,) each in SI."""
+    """Return the null directions of coefficients that the sensor has, each (p,) in SI."""
     size = {"k0": g, "k1": 1.0, "k2": 1 / g, "k3": 1 / g**2, "kip": 1 / g}
     result: list[tuple[str, Array]] = []
     for words, weights in NULL_DIRECTIONS:
@@ -285,9 +285,9 @@ def require_enough_positions(sensor: Sensor, steps: Indexings) -> None:
     if shown < possible:
         different = len(set(first_visit_rows(steps)))
         raise NotObserved(
-            f"{different} different positions show {shown} of the {possible} combinations of "
-            "coefficients that g² can show; take 8 or more evenly spaced positions, best 12 "
-            "(30° apart)",
+            f"{different} different positions determine only {shown} of the {possible} "
+            "combinations of coefficients that g² can determine; use 8 or more evenly spaced "
+            "positions, best 12 (30° apart)",
             key="steps",
         )
 
@@ -315,7 +315,7 @@ def require_fixture_sensor(sensor: Sensor, *, allow_single: bool = False) -> Non
     if not same or not all(np.allclose(actual[name], expected[name]) for name in expected):
         others = ", or one accelerometer along x" if allow_single else ""
         raise InputError(
-            f"sensor {sensor.name} does not fit the fixture, which holds two accelerometers: a "
+            f"sensor {sensor.name} does not fit the fixture, which has two accelerometers: a "
             f"along x with P along y, and b along y with P against x{others}",
             key="[sensor]",
             names=sensor.channels,

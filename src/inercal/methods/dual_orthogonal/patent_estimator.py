@@ -1,4 +1,4 @@
-"""The patent's way: K0 and k1 + K3 from the four points, the rest from g² elsewhere, with Bayes.
+"""The patent's method: K0 and k1 + K3 from the four points, the rest from g² with priors.
 
 The results of the four points are fixed, and ‖f̂‖ = g at the other positions determines δ, K2, Kip
 and K3, with k1 = (k1 + K3) − K3. There K_A3 and K_B3 have the same effect: their difference, and
@@ -19,7 +19,7 @@ different. There the other accelerometer is level and determines it, once δ is 
 
     k1 + K3 = (n − m) / (2 cos φ) − 1        φ_A = φ of B − δ        φ_B = φ of A + δ
 
-Sources: CN101852817A, steps 4 to 6, equations 5 to 19, with the exact observation in place of the
+Sources: CN101852817A, steps 4 to 6, equations 5 to 19, with the exact observation instead of the
 linear one, which fails at a bias of 1 mg and a mounting angle of 300″; CN101852817A, step 4,
 equations 17 and 18; the root and φ are ours.
 """
@@ -65,7 +65,7 @@ def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True)
     y : (..., 4, 2) array
         Readings of A and B at 0°, 90°, 180°, 270°, g.
     delta : (...) array, optional
-        δ = δ_B − δ_A where it is known, rad.
+        δ = δ_B − δ_A if it is known, rad.
     corrected : bool
         Whether the gain is corrected for the mounting angle; False is for comparison.
     """
@@ -137,8 +137,8 @@ def two_stage_estimate(
     maps = _coefficient_maps(sensor, bench.gravity.value)
     if beyond := sorted({name for prior in priors for name in prior.names} - set(maps.names)):
         raise InputError(
-            f"estimator patent takes {', '.join(beyond)} from the four cardinal positions; remove "
-            "their priors, or use estimator joint",
+            f"estimator patent computes {', '.join(beyond)} from the four cardinal positions; "
+            "remove their priors, or use estimator joint",
             key="priors",
             names=tuple(beyond),
         )
@@ -345,9 +345,9 @@ def _require_enough(sensor: Sensor, steps: Indexings, others: list[int]) -> None
     )
     if rank < len(wanted):
         raise NotObserved(
-            f"estimator patent: the positions other than the four cardinal ones determine {rank} "
-            f"of {len(wanted)} combinations of δ, K2 and Kip; take 12 positions 30° apart, or use "
-            "estimator joint",
+            "estimator patent: the positions other than the four cardinal ones determine only "
+            f"{rank} of {len(wanted)} combinations of δ, K2 and Kip; use 12 positions 30° "
+            "apart, or use estimator joint",
             key="steps",
         )
 

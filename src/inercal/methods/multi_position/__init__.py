@@ -105,9 +105,9 @@ def joint(
 def sequential(
     observations: Observations, sensor: Sensor, bench: Hand, steps: HandSteps, priors: Priors = ()
 ) -> Estimate:
-    """Return the accelerometers from norms alone, then the gyros with the accelerometers fixed.
+    """Estimate the accelerometers from norms only, then the gyros with the accelerometers fixed.
 
-    The accelerometers' covariance enters that of the gyros. Parameters and errors as of `joint`.
+    The accelerometers' covariance enters that of the gyros. Parameters and errors as for `joint`.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
     last = stages.fit_accelerometers(rests, priors)
@@ -121,12 +121,12 @@ def _checked_rests(
 ) -> Rests:
     if observations.mean.ndim != 2:
         raise InputError(
-            "multi_position takes one recording, not several trials at once; pass one trial"
+            "multi_position needs one recording, not several trials at once; pass one trial"
         )
     if len(sensor.axes) > len(sensor.select_axes("f").axes) and observations.transitions is None:
         raise InputError(
-            "the sensor has gyros but the observations have no transitions between rests; "
-            "calibrate the accelerometers alone, or give a recording",
+            "the sensor has gyros, but the observations have no transitions between rests; "
+            "calibrate only the accelerometers, or give a recording",
             key="transitions",
         )
     rests = Rests(observations, sensor, bench)
@@ -193,8 +193,8 @@ def gyro_delay(
     if way is None or len(way.rest) < _MIN_PASSAGES:
         count = 0 if way is None else len(way.rest)
         raise NotObserved(
-            f"[method] time_offset needs gyros and {_MIN_PASSAGES} turns between rests; the "
-            f"recording has {count}: record more turns, or remove time_offset",
+            f"[method] time_offset needs gyros and {_MIN_PASSAGES} turns between rests, but "
+            f"the recording has {count}; record more turns, or remove time_offset",
             key="[method] time_offset",
         )
     force, c = sensor.select_axes("f"), estimate.value[: len(sensor.coefficients)]
@@ -214,8 +214,8 @@ def gyro_delay(
     )
     if not square.sum() > 0:
         raise NotObserved(
-            "[method] time_offset needs turns about horizontal axes, but every turn is about the "
-            "vertical; record other turns, or remove time_offset",
+            "[method] time_offset needs turns about horizontal axes, but every turn is about "
+            "the vertical; record other turns, or remove time_offset",
             key="[method] time_offset",
         )
     value = along.sum() / square.sum()

@@ -173,8 +173,8 @@ def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...
     """
     if positions < 9:
         raise InputError(
-            f"{positions} positions do not determine the 9 coefficients of accelerometers; plan 9 "
-            "positions or more",
+            f"{positions} positions do not determine the 9 coefficients of the accelerometers; "
+            "plan 9 positions or more",
             key="positions",
         )
     whole = imu()
@@ -234,8 +234,9 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
         max_attitudes=max(a + 3 - len(ups), 4),  # the missing rests, and 4 at least
     )
     raise NotObserved(
-        f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
-        f"{'; '.join(words)}); {_coverage_gaps(rests, ups)}; add: {attitudes_in_words(more)}",
+        f"these data do not determine {', '.join(named)} (free directions, in units of g and "
+        f"rad/s: {'; '.join(words)}): "
+        f"{_coverage_gaps(rests, ups)}; add: {attitudes_in_words(more)}",
         words,
         names=named,
     )
@@ -281,7 +282,7 @@ def _coverage_gaps(rests: Rests, ups: Array) -> str:
     if count > 3 and size[-1] < np.sin(np.radians(10)) * size[0]:
         off = np.degrees(np.arcsin(min(size[-1] / count**0.5, 1.0)))
         normal = ", ".join(f"{part:+.2f}" for part in axes[-1])
-        parts.append(f"all are within {off:.1f}° rms of the plane across ({normal})")
+        parts.append(f"all are within {off:.1f}° rms of the plane perpendicular to ({normal})")
     return ", ".join(parts)
 
 

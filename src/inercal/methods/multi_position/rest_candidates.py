@@ -274,7 +274,7 @@ class RestChanges:
     drift: dict[str, Array]
 
     def added_columns(self, one: Candidate) -> Array:
-        """Return what a candidate adds to these rows, (3 r, k)."""
+        """Return the effect of a candidate on these rows, (3 r, k)."""
         nothing = np.zeros(len(self.residual))
         return np.stack([self.drift.get(name, nothing) for name in one.components], axis=-1)
 

@@ -54,7 +54,7 @@ class Scatter(NamedTuple):
 
     @property
     def shares(self) -> "Scatter":
-        """Without what is added."""
+        """The shares without the added noise."""
         return Scatter(*(ScatterModel(share=found.share) for found in self))
 
 
@@ -93,7 +93,7 @@ class Rests:
 
     @cached_property
     def force(self) -> Sensor:
-        """The accelerometers alone."""
+        """The sensor with only its accelerometers."""
         return self.sensor.select_axes("f")
 
     @property

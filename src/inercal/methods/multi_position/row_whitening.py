@@ -85,7 +85,7 @@ def _transition_offset_sensitivities(rests: Rests, turns: RotationResiduals) -> 
 
 
 def sum_over_rests(rests: Rests, of_rests: Array) -> Array:
-    """Return the sum over rests of what each puts into its eight rows, ordered as `ResidualRows`.
+    """Return the sum over rests of each one's effect on its eight rows, ordered as `ResidualRows`.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ class ScatterStatistics(NamedTuple):
 
 
 def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
-    """Return the statistics of the norms; `rests` have accelerometers alone."""
+    """Return the statistics of the norms; `rests` have only accelerometers."""
     jacobian = rows.jacobian[:, : len(rests.sensor.coefficients)]
     dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian * rests.sensor.unit_scale))
 

@@ -151,7 +151,7 @@ def fit_jointly(rests: Rests, last: FitStage, priors: Priors) -> FitStage:
 
 
 def score_tests(rests: Rests, last: FitStage, priors: Priors) -> ScoreTestSet:
-    """Return the score tests of what is not estimated, by the noise without what was added to it.
+    """Return the score tests of parameters not estimated, with the noise before any was added.
 
     Of all rows; the accelerometers' too, where the gyros were fitted after them.
     """

@@ -14,9 +14,9 @@ axis by itself, y = c + K ω_I + δ_O ω_P − δ_P ω_O and the further terms t
 stated rates, rests and poses, with the vertical part of the earth's rate. K is the slope of the
 straight line of IEEE Std 528, and 1 + scale where no nonlinear term is left out.
 
-The bench is taken as exact: the covariance is that of the noise of the means alone. The problem of
-`ml`, in which the errors of the bench have their stated deviations, tests whether the readings
-agree with one another.
+The bench is treated as exact: the covariance is that of the noise of the means alone. The problem
+of `ml`, in which the errors of the bench have their stated deviations, tests whether the readings
+agree with each other.
 
 Terms with the sign of the input are left out in readings of axes without a nominal input. A gyro
 across the table's axis senses Ω t, t the error of the setting, and its asymmetry adds ½ κ′ |Ω t|.
@@ -98,17 +98,19 @@ def plan(
     """
     if positions not in _SETTINGS:
         raise InputError(
-            f"positions is {positions}; give 3, each axis up, or 6, each up and down",
+            f"positions is {positions}, but it must be 3 (each axis up) or 6 (each axis up and "
+            "down)",
             key="[method] positions",
         )
     if attitudes not in _POSES:
         raise InputError(
-            f"attitudes is {attitudes!r}; the poses are {', '.join(_POSES)}",
+            f"attitudes is {attitudes!r}, but the poses must be {', '.join(_POSES)}",
             key="[method] attitudes",
         )
     if any(rate <= 0 for rate in rates):
         raise InputError(
-            "rates has a speed that is not positive; give speeds, each is turned in both senses",
+            "rates contains a speed that is not positive; give positive speeds, because each "
+            "is turned in both senses",
             key="[method] rates",
         )
     of_setting = _rates_of_setting(rates, reverse)
@@ -273,14 +275,14 @@ def ieee(
     steps: PlatformSteps,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the estimate by least squares with equal weights, as of `ml`; the bench is exact.
+    """Return the estimate by least squares with equal weights, as for `ml`; the bench is exact.
 
     Raises
     ------
     InputError
-        As of `ml`, and priors, coefficients of temperature, the tilted form or a trial axis.
+        As for `ml`, and priors, coefficients of temperature, the tilted form or a trial axis.
     NotObserved
-        As of `ml`.
+        As for `ml`.
     """
     estimator_inputs.require_plain_means(observations, sensor, priors, "ieee", "ml")
     estimator_inputs.refuse_tilted_form(sensor, "ieee", "ml")
@@ -316,8 +318,9 @@ def _refuse_profiles(sensor: Sensor, steps: PlatformSteps) -> None:
     )
     if terms and any(isinstance(step, sections.KnownTurn) for step in steps):
         raise InputError(
-            f"[method] {', '.join(terms)}: a turn by an angle has no one rate, so that a mean does "
-            "not determine them; remove these coefficients, or turn at constant rates alone",
+            f"[method] {', '.join(terms)}: a turn by an angle has no constant rate, so its "
+            "mean does not determine these coefficients; remove them, or turn only at constant "
+            "rates",
             key="[method]",
             names=terms,
         )

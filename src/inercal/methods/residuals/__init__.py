@@ -153,14 +153,14 @@ def noisy_norm_residuals(
     Parameters
     ----------
     sensor, y, c
-        As of `norm_residuals`.
+        As for `norm_residuals`.
     covariance : (..., r, m, m) array
         Covariance of the readings in each row.
     made : (..., r) array
         Norm of specific force in each row, m/s².
     w : (..., r, 3) array, optional
     dT : (..., r) array or float
-        As of `norm_residuals`.
+        As for `norm_residuals`.
     """
     lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
     table = term_table(sensor) if len(lead) == 1 else None
@@ -204,7 +204,7 @@ def norm_normal_equations(
     table : TermTable
         Of the sensor.
     y, covariance, dT
-        Of all trials, or shared by them, as of `noisy_norm_residuals`.
+        Of all trials, or shared by them, as for `noisy_norm_residuals`.
     stated : StatedNorms
         Of these trials, or shared by them.
     x : (s, p + q) array
@@ -212,7 +212,7 @@ def norm_normal_equations(
     which : (s,) array of int
         Places of these trials.
     jacobian : (s, r, p + q) array, optional
-        Written in place of the normal equations, not weighted.
+        Written instead of the normal equations, not weighted.
     """
     from inercal.methods.residuals import _kernels
     from inercal.methods.residuals._force_inversion import Model, Rows
@@ -265,7 +265,7 @@ class VectorEquations:
     names : tuple of q str
         The parameters that follow the coefficients.
     readings : mapping of str to (r m,) array
-        What a unit of a parameter adds to the readings, in place of any motion.
+        What a unit of a parameter adds to the readings, instead of any motion.
     noise : (..., n) or (..., n, n) array
         Deviations, or if correlated the covariance, of the observed readings of all trials.
     correlated : bool
@@ -283,13 +283,13 @@ class VectorEquations:
     observed: Indices
 
     def subset(self, at: Indices) -> "VectorEquations":
-        """Return the equations of some of the observed readings alone."""
+        """Return the equations of only some of the observed readings."""
         noise = self.noise[..., at[:, None], at] if self.correlated else self.noise[..., at]
         return replace(self, noise=noise, observed=self.observed[at])
 
     @cached_property
     def _whitened_noise(self) -> tuple[Array, Array]:
-        """Weights and factors, as of `inercal.methods.residuals._vector_kernel.WhitenedNoise`."""
+        """Weights and factors, as for `inercal.methods.residuals._vector_kernel.WhitenedNoise`."""
         noise, correlated, n = self.noise, self.correlated, self.noise.shape[-1]
         variance = np.diagonal(noise, axis1=-2, axis2=-1) if correlated else noise
         if correlated and np.count_nonzero(variance) == np.count_nonzero(noise):

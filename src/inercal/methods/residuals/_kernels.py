@@ -208,7 +208,7 @@ def norm_kernel(
     rows : Rows
         For r rows and k = p + q parameters; overwritten.
     found : NormalEquations
-        Output. Stated norms less ‖f̂‖ (s, r), NaN where a reading is beyond the fold of the model;
+        Output. Stated norms less ‖f̂‖ (s, r), NaN if a reading is beyond the fold of the model;
         weights 1/sd (s, r); u (s, r); lower triangle of AᵀA, row after row (s, k (k + 1)/2);
         Aᵀu (s, k). The last two are not written if the Jacobian is wanted.
     jacobian : (s or 0, r, p + q) array

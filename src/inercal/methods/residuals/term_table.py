@@ -36,7 +36,7 @@ class TermTable(NamedTuple):
 
 
 def term_table(sensor: Sensor) -> TermTable | None:
-    """Return the table of a sensor; None where its model has more than such products.
+    """Return the table of a sensor; None if its model has more than such products.
 
     These are other sensors than three accelerometers, terms of the rate and its derivative, and the
     bias asymmetry, which has no inverse at zero.

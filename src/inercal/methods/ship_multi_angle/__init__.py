@@ -50,7 +50,7 @@ def planar_norm(
 ) -> Estimate:
     """Return the twelve coefficients by untilted states' vectors and tilted ones' norms.
 
-    Arguments as of `damped`, without priors. The covariance includes the effect of the bench's
+    Arguments as for `damped`, without priors. The covariance includes the effect of the bench's
     errors.
 
     Raises
@@ -101,7 +101,7 @@ def fit_vectors_and_norms(
 ) -> tuple[AffineModel, Array, Bools]:
     """Return the model, the derivative of θ by each row, (..., 12, 3 r + s), and converged.
 
-    Arguments as of `linearised_rows`.
+    Arguments as for `linearised_rows`.
     """
 
     def at(x: Array) -> tuple[Array, Array]:

@@ -123,7 +123,7 @@ def free_directions(sensor: Sensor, model: AffineModel, a: Array, spread: Array)
 
 
 def undetermined_rotations(sensor: Sensor, left: FreeDirections) -> tuple[NullDirection, ...]:
-    """Return the rotations that a start or chance decides: none where a frame is stated."""
+    """Return the rotations that a start or chance decides: none if a frame is stated."""
     return left.rotations if sensor.frame == "mount" else ()
 
 
@@ -165,19 +165,20 @@ def starting_point(
     priors: Priors,
     groups: Sequence[int],
 ) -> StartingPoint:
-    """Return the start: nominal where the frame fixes all else, or by untilted states or priors.
+    """Return the start: nominal if the frame fixes the rest, else from untilted states or priors.
 
     Raises
     ------
     InputError, NotObserved
-        As of `damped`.
+        As for `damped`.
     """
     rest = [k for k in range(len(steps)) if k not in groups]
     if sensor.frame == "symmetric":
         if priors:
             raise InputError(
-                'estimator damped takes no priors together with [sensor] frame = "symmetric": '
-                "norms and frame determine all coefficients; remove the priors or the frame",
+                "estimator damped does not use priors together with [sensor] frame = "
+                '"symmetric", because norms and frame determine all coefficients; remove the '
+                "priors or the frame",
                 key="priors",
             )
         if not _nominal_free_directions(sensor, bench, steps, groups).unobserved:
@@ -186,8 +187,8 @@ def starting_point(
         return _start_from_priors(sensor, priors, bench, groups, steps)
     if priors:
         raise InputError(
-            "estimator damped takes priors or untilted states, not both; remove the priors, or use "
-            "estimator joint",
+            "estimator damped uses either priors or untilted states, not both; remove the "
+            "priors, or use estimator joint",
             key="priors",
         )
     here = [steps[k] for k in rest]
@@ -217,9 +218,9 @@ def require_convergence(
     )
     if blind:
         raise NotObserved(
-            f"not observed: norms of these {len(groups)} tilted states do not determine "
-            f"{'; '.join(blind)}: the damped iteration does not converge; add tilts of a second "
-            "kind, such as XY 135 + 45, or use estimator joint",
+            f"the norms of these {len(groups)} tilted states do not determine "
+            f"{'; '.join(blind)}, so the damped iteration does not converge; add tilts of a "
+            "second kind, such as XY 135 + 45, or use estimator joint",
             blind,
         )
 
@@ -241,8 +242,8 @@ def _start_from_priors(
             else "tilts of a second kind, such as XY 135 + 45"
         )
         raise NotObserved(
-            f"not observed: these norms do not determine {'; '.join(words)}; add the untilted "
-            f"states XY, YX and ZY, or {others}, or use estimator joint",
+            f"these norms do not determine {'; '.join(words)}; add the untilted states XY, YX "
+            f"and ZY, or {others}, or use estimator joint",
             words,
             names=without,
         )

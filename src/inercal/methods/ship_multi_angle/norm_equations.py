@@ -9,7 +9,7 @@ every point, whatever the data. The source notes that the linear equations are s
 damps them: (JᵀJ + μ) Δ = −Jᵀρ, ρ = |v|² − (A² + 1). A damped step has no component along a null
 direction: there the result equals the start.
 
-The user may state a frame in place of this rotation. Of all (R M, R p) with a rotation or
+The user may state a frame instead of this rotation. Of all (R M, R p) with a rotation or
 reflection R, a single one has a symmetric, positive definite H = M⁻¹, by the polar form::
 
     H = S Q,   (M, p) → (Q M, Q p),   H → S
@@ -22,7 +22,7 @@ are exact. A change Δ of θ changes the result by P Δ, Δ and the rotation tha
 with the rotations as columns of R and the slopes of H_ij − H_ji as rows of C. P R = 0: the start or
 chance that decided the rotation affects neither the result nor its uncertainty.
 
-A global search is in place of the source's commercial optimiser: SciPy's differential evolution
+A global search is instead of the source's commercial optimiser: SciPy's differential evolution
 (Storn and Price 1997) minimises the sum of squares of the equations within bounds about nominal;
 the damped equations then polish the result. The source sets its optimiser a goal of 5 % error; here
 the error is the largest over the groups of | |M a + p| / √(A² + 1) − 1 |. Coefficients far from the
@@ -182,7 +182,7 @@ def tilted_rows(name: str, observations: Observations, sensor: Sensor, steps: Sp
     groups = [k for k, step in enumerate(steps) if is_tilted(step)]
     if len(groups) < MIN_TILTED_STATES:
         raise NotObserved(
-            f"not observed: {len(groups)} tilted states make {len(groups)} norms for "
+            f"{len(groups)} tilted states give only {len(groups)} norms for "
             f"{MIN_TILTED_STATES} coefficients; add tilted states until there are "
             f"{MIN_TILTED_STATES} for estimator {name}, or use estimator joint",
             key="steps",

@@ -42,9 +42,9 @@ def damped(
     Parameters
     ----------
     observations, sensor, bench, steps
-        As of `joint`; the sensor's coefficients are the twelve of f = M a + p.
+        As for `joint`; the sensor's coefficients are the twelve of f = M a + p.
     priors : sequence of Gaussian
-        On all twelve coefficients, in place of untilted states.
+        On all twelve coefficients, instead of untilted states.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def global_(
     Parameters
     ----------
     observations, sensor, bench, steps
-        As of `damped`, of one table.
+        As for `damped`, of one table.
     priors : sequence of Gaussian
         Must be empty.
     options : SearchOptions
@@ -193,7 +193,7 @@ def _norm_estimate(
 ) -> Estimate:
     """Return the estimate of norms.
 
-    Arguments as of `consistency`; `used` are the rows that the estimator used as vectors and as
+    Arguments as for `consistency`; `used` are the rows that the estimator used as vectors and as
     norms, `decided` what decided the free directions and the source of their uncertainty.
     """
     level, groups = used
@@ -245,8 +245,9 @@ def _free_direction_notes(
         )
     if named:
         notes.append(
-            f"Warning: {rank}. {what.capitalize()} decided {format_count(len(named), 'direction')}, "
-            f"whose uncertainty is that of {source}: {'; '.join(named)}."
+            f"Warning: {rank}. {what.capitalize()} decided "
+            f"{format_count(len(named), 'direction')}, whose uncertainty is that of {source}: "
+            f"{'; '.join(named)}."
         )
     if left.weak:
         words = "; ".join(one.words for one in left.weak)

@@ -85,7 +85,7 @@ def kalman(
 ) -> Estimate:
     """Return the coefficients by a Kalman filter over the recording, in passes.
 
-    Arguments and exceptions as of `batch`.
+    Arguments and exceptions as for `batch`.
     """
     track = _checked_track(observations, sensor, priors)
     known = StillTable.from_turntable(bench)
@@ -118,12 +118,12 @@ def _checked_track(observations: Observations, sensor: Sensor, priors: Priors) -
     track = observations.track
     if track is None or track.reading.ndim != 2:
         raise InputError(
-            "systematic takes the samples of one recording; give a recording", key="track"
+            "systematic needs the samples of one recording; give a recording", key="track"
         )
     for axis in sensor.axes:
         if not axis.noise.white > 0:
             raise InputError(
-                f"{axis.name} has no noise density: rows of rests and turns are weighed by it; "
+                f"{axis.name} has no noise density, but rests and turns are weighted by it; "
                 "state it",
                 key="white",
                 names=(axis.name,),

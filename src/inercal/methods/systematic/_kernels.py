@@ -234,7 +234,7 @@ def integrate_turns(
     v_by: Array,
     covariance: Array,
 ) -> None:
-    """Write what navigation through k turns ends at, with sensitivities and noise.
+    """Write the end of the navigation through k turns, with sensitivities and noise.
 
     Parameters
     ----------

@@ -56,8 +56,8 @@ def initial_attitudes(
     """
     if abs(latitude) > MAX_LATITUDE:
         raise InputError(
-            f"latitude {degrees(latitude):.4g}° is beyond ±85°: the Earth's rate has too small a "
-            "level part there to determine the azimuth",
+            f"latitude {degrees(latitude):.4g}° is beyond ±85°, where the level part of the "
+            "Earth's rate is too small to determine the azimuth",
             key="[bench] latitude",
         )
     biases, axis = _bias_places(model.sensor)
@@ -83,7 +83,7 @@ def initial_attitudes(
 def attitudes_at(segments: Segments, model: ImuModel, c: Array, latitude: float) -> Array:
     """Return C at each rest, (m, 3, 3), by coefficients c of which those of all axes count.
 
-    Arguments and exceptions as of `initial_attitudes`, which takes the forces as they are read.
+    Arguments and exceptions as for `initial_attitudes`, which takes the forces as they are read.
     """
     force = model.motion_of_readings(segments.mean, _LONG, c, 0.0, means=True).f
     mean = np.concatenate([force, segments.mean[:, 3:]], axis=1)
@@ -153,9 +153,12 @@ def _require_agreement(segments: Segments, model: ImuModel, c: Array) -> None:
     ]
     text = "; check the axes, signs and units of both triads"
     if causes:
-        text = f"; these data fit if {' or if '.join(causes[:_NAMED])}: correct [data] or [sensor]"
+        text = (
+            f"; these data would fit if {' or if '.join(causes[:_NAMED])}, so correct [data] or "
+            "[sensor]"
+        )
     raise InputError(
-        f"the forces of the rests, carried to the first rest by the gyros, disagree by "
+        "the specific forces of the rests, carried to the first rest by the gyros, disagree by "
         f"{degrees(found):.0f}° (more than {degrees(MAX_DISAGREEMENT):.0f}°){text}",
         key="[data]",
     )
@@ -181,15 +184,18 @@ def _possible_mistakes(segments: Segments) -> Iterator[tuple[str, Segments]]:
     words = {0: "the accelerometers", 3: "the gyros"}
     for first, triad in words.items():
         for k, axis in enumerate("xyz"):
-            yield f"{axis} of {triad} is reversed", _changed(segments, {first + k: (first + k, -1)})
+            yield (
+                f"{axis} of {triad} were reversed",
+                _changed(segments, {first + k: (first + k, -1)}),
+            )
         for i, j in combinations(range(3), 2):
             pair = {first + i: (first + j, 1), first + j: (first + i, 1)}
-            yield f"{'xyz'[i]} and {'xyz'[j]} of {triad} are exchanged", _changed(segments, pair)
+            yield f"{'xyz'[i]} and {'xyz'[j]} of {triad} were exchanged", _changed(segments, pair)
     every = {k: (k, -1) for k in range(3, 6)}
-    yield "all gyros are reversed", _changed(segments, every)
+    yield "all gyros were reversed", _changed(segments, every)
     for unit, size in (("°/s stated as rad/s", radians(1)), ("rad/s stated as °/s", degrees(1))):
         yield (
-            f"the gyros' columns are {unit}",
+            f"the gyros' columns were {unit}",
             _changed(segments, {k: (k, size) for k in range(3, 6)}),
         )
 

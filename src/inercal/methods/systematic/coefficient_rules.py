@@ -51,15 +51,16 @@ def require_determined(sensor: Sensor, observations: Observations, priors: Prior
         chosen,
         FRAME,
         "rotation of the body frame",
-        "no observation fixes the frame in which the misalignments of accelerometers and gyros are "
-        "counted: choose nonorthogonality (ax along x, ay in the xy plane)",
+        "no observation fixes the frame to which the misalignments of accelerometers and gyros "
+        "refer, so choose nonorthogonality (ax along x, ay in the xy plane)",
     )
     _refuse_gauge(
         chosen,
         COMMON_ARM,
         "common arm",
-        "a point with all three accelerometers may lie anywhere, because its velocity is zero at "
-        "both ends of a turn: choose ax.arm and ay.arm, counted from az",
+        "the data do not determine where the common point of all three accelerometers is, "
+        "because its velocity is zero at both ends of a turn; choose ax.arm and ay.arm, which "
+        "are relative to az",
     )
     force = observations.mean[:, [axis.measures == "f" for axis in sensor.axes]]
     _require_both_faces(sensor, force)
@@ -72,9 +73,9 @@ def require_determined(sensor: Sensor, observations: Observations, priors: Prior
             f"{axis}.{_ALIKE[term]}" for axis, term in (CoefficientName(n).parts for n in names)
         ]
         raise NotObserved(
-            f"all rests are within 15° of the faces of a cube, where {', '.join(names)} cannot be "
-            f"told from {partners[0]} (forces are gravity or zero): add rests at 45°, or "
-            "state a prior ([method.prior])",
+            f"all rests are within 15° of the faces of a cube, where {', '.join(names)} cannot "
+            f"be distinguished from {partners[0]} (forces are gravity or zero); add rests at "
+            "45°, or give a prior ([method.prior])",
             tuple(f"{name} and {other}" for name, other in zip(names, partners, strict=True)),
             names=names,
         )
@@ -108,8 +109,9 @@ def require_turns(attitudes: Array, sensor: Sensor, priors: Priors) -> None:
         still = [f"{axis} ({degrees(a):.0f}°)" for axis, a in zip("xyz", turned, strict=True)
                  if a < _LEAST_TURN]  # fmt: skip
         raise NotObserved(
-            f"the path does not turn about body axis {' and '.join(still)}: {', '.join(names)} "
-            "stay open; add quarter turns about that axis while it is level, or state priors",
+            f"the path does not turn about body axis {' and '.join(still)}, so the data do not "
+            f"determine {', '.join(names)}; add quarter turns about that axis while it is "
+            "level, or give priors",
             tuple(names),
             names=tuple(names),
         )
@@ -119,7 +121,7 @@ def _refuse_gauge(chosen: Sequence[str], gauge: Sequence[str], what: str, reason
     names = tuple(name for name in gauge if name in chosen)
     if names:
         raise NotObserved(
-            f"{', '.join(names)}: {what} is not determined; {reason}", (what,), names=names
+            f"{', '.join(names)}: {what} cannot be determined; {reason}", (what,), names=names
         )
 
 
@@ -128,8 +130,8 @@ def _require_both_faces(sensor: Sensor, force: Array) -> None:
         for way, reached in (("up", force[:, k].max()), ("down", -force[:, k].min())):
             if reached < _FACE:
                 raise InputError(
-                    f"{axis.name} is never turned {way} (it reads at most "
-                    f"{reached / G0:.2f} g that way); add a rest with it {way}: bias and scale "
-                    "need both faces of each axis",
+                    f"{axis.name} is never turned {way} (it reads at most {reached / G0:.2f} g "
+                    "that way), but bias and scale need both faces of each axis; add a rest "
+                    f"with it {way}",
                     names=(axis.name,),
                 )

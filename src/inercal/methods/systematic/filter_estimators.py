@@ -73,7 +73,7 @@ def solve_by_filter(
     Raises
     ------
     InputError
-        As of `segments_of_track` and `attitudes_at`.
+        As for `segments_of_track` and `attitudes_at`.
     NotObserved
         Coefficients that these rests and turns do not determine.
     """
@@ -180,9 +180,9 @@ def _require_determined(found: ConstantEstimate, start: FilterStart, sensor: Sen
         part = np.abs(directions[:, open_]).max(axis=1) > _NAMED_PART
         names = tuple(n for n, named in zip(sensor.coefficients, part, strict=True) if named)
         raise NotObserved(
-            f"not observed: the run determines {p - int(open_.sum())} of {p} directions of the "
-            f"coefficients; open with {', '.join(names)}: add quarter turns about level axes and "
-            "rests, leave coefficients out, or state priors",
+            f"the run determines only {p - int(open_.sum())} of {p} directions of the "
+            f"coefficients; {', '.join(names)} remain undetermined. Add quarter turns about "
+            "level axes and rests, leave coefficients out, or give priors",
             names,
             names=names,
         )
@@ -251,8 +251,8 @@ class LiveNavigation:
         if at.size:
             k = int(at[0])
             raise InputError(
-                f"samples are missing in a turn, from {time[k]:.6g} s to {time[k + 1]:.6g} s: part "
-                "of its angle is lost",
+                f"samples are missing in a turn, from {time[k]:.6g} s to {time[k + 1]:.6g} s, "
+                "so part of its angle is lost",
                 key="[data]",
             )
         self._last_time, self._last_hold = float(time[-1]), int(track.hold[-1])

@@ -50,7 +50,7 @@ def estimated_attitudes(
     ----------
     estimate : Estimate
     segments, sensor
-        As of `solve`.
+        As for `solve`.
     latitude : float
         rad.
     """
@@ -180,7 +180,7 @@ def _cost(point: LinearisationPoint) -> float:
 def omitted_coefficients(
     rows: RestAndTurnRows, x: Array, declared: Mapping[str, Parameter]
 ) -> list[Candidate]:
-    """Return the candidates of the score tests: what was not estimated, and single rows.
+    """Return the candidates of the score tests: parameters not estimated, and single rows.
 
     Parameters
     ----------

@@ -217,7 +217,7 @@ def integrate_navigation(
     gravity, lag : float
         m/s² and s.
     by : (b, 3, q) and (b, 3, r) arrays
-        As of `ImuModel.sensitivities`; without them there are none, and no covariance.
+        As for `ImuModel.sensitivities`; without them there are none, and no covariance.
     white : (6,) array, optional
         Noise densities squared, of accelerometers and gyros.
     chained : bool

@@ -64,7 +64,7 @@ _MARGIN = 3  # samples on either side of a chunk, for derivatives
 
 @dataclass(frozen=True, eq=False)
 class FilterModel:
-    """What a filter knows before its first sample.
+    """The knowledge of a filter before its first sample.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class FilterStart:
     attitude_sd : (3,) array
         rad, about east, north and up.
     rest_attitudes : (m, 3, 3) array
-        C of the first m rests, where they are known beforehand.
+        C of the first m rests, if known beforehand.
     """
 
     attitude: Array
@@ -146,7 +146,7 @@ def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
     Raises
     ------
     InputError
-        As of `initial_attitudes`.
+        As for `initial_attitudes`.
     """
     sensor, imu = model.sensor, model.imu
     latitude = model.known.latitude.value

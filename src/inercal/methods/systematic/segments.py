@@ -127,7 +127,7 @@ def segments_of_track(
     rests = _rest_ranges(track.hold)
     if len(rests) < MIN_RESTS:
         raise InputError(
-            f"the recording has {format_count(len(rests), 'rest')} of 5 s or more; "
+            f"the recording has {format_count(len(rests), 'rest')} of 5 s or more, but "
             f"systematic calibration needs {MIN_RESTS} or more, with turns between them",
             key="[data] file",
         )

@@ -43,7 +43,7 @@ _LOOKED_AT = 60  # blocks, for the steps of the readings
 
 
 class NodeMeans(NamedTuple):
-    """The nodes of a course, and what they give in the blocks.
+    """The nodes of a temperature course, and their values in the blocks.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class RampBlocks:
 
     @classmethod
     def _along_steps(cls, track: Track, step: float) -> "RampBlocks | None":
-        """Return the blocks of a coarse thermometer; None where it crosses too few steps."""
+        """Return the blocks of a coarse thermometer; None if it crosses too few steps."""
         assert track.temperature is not None
         time, kelvin = track.time - track.time[0], track.temperature
         period = float(time[-1]) / (time.size - 1)
@@ -159,7 +159,7 @@ class RampBlocks:
 
     @property
     def noise_share(self) -> float:
-        """Share of the temperature sensor's noise in what of the rate determines the lag.
+        """Share of the temperature sensor's noise in the part of the rate that determines the lag.
 
         The noise is that of third differences of the rate, of which the course has little.
         """
@@ -210,8 +210,8 @@ class RampBlocks:
             if not axis.noise.white:
                 section = "accelerometer" if axis.measures == "f" else "gyro"
                 raise InputError(
-                    f"[sensor.{section}] white is missing: a ramp is weighed by the stated noise; "
-                    "state white, bias_instability and random_walk",
+                    f"[sensor.{section}] white is missing, but a ramp is weighted by the "
+                    "stated noise; state white, bias_instability and random_walk",
                     key=f"[sensor.{section}] white",
                     names=(axis.name,),
                 )

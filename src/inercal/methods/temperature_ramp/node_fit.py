@@ -103,18 +103,18 @@ def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
     begun = ""
     if is_one_exponential(crossings):
         begun = (
-            "the warm-up had already become one exponential: start recording before the "
-            "temperature changes; "
+            "the warm-up had already become a single exponential, so start recording before "
+            "the temperature changes; "
         )
     k = model.steepest_axis(x)
     axis = model.sensor.axes[k]
     shift, unit = model.largest_shift(x, k), BIAS_UNITS[axis.measures][1]
     return NotObserved(
-        f"not observed: lag, the time by which the thermometer is behind. It reports steps of "
-        f"{crossings.step:.3g} K{one_way}, and without lag χ² is larger "
-        f"by only {max(gain, 0.0):.0f} (less than {LEAST_GAIN:g}): b(T) is shifted by b′ Ṫ τ, up "
-        f"to {shift:.2g} {unit} a second of lag on {axis.name}; {begun}go up and down, or state "
-        "[environment] lag with its uncertainty",
+        "these data do not determine the lag of the thermometer. It reports steps of "
+        f"{crossings.step:.3g} K{one_way}, and without lag χ² is larger by only "
+        f"{max(gain, 0.0):.0f} (less than {LEAST_GAIN:g}). An unknown lag shifts b(T) by b′ Ṫ "
+        f"τ, up to {shift:.2g} {unit} per second of lag on {axis.name}; {begun}go up and down "
+        "in temperature, or state [environment] lag with its uncertainty",
         (LAG,),
         key="[environment] lag",
         names=(LAG,),
@@ -128,9 +128,9 @@ def _rate_not_observed(model: RampModel) -> NotObserved:
         n for n in model.sensor.coefficients if CoefficientName(n).parts[1].endswith("dTdt")
     )
     return NotObserved(
-        f"not observed: {', '.join(names)}. The thermometer reports steps of "
-        f"{course.nodes.crossings.step:.3g} K while the temperature goes one way; go up and down, "
-        "or leave these coefficients out",
+        f"these data do not determine {', '.join(names)}. The thermometer reports steps of "
+        f"{course.nodes.crossings.step:.3g} K while the temperature goes one way; go up and "
+        "down, or leave these coefficients out",
         names,
         names=names,
     )

@@ -105,7 +105,7 @@ class RampModel(NamedTuple):
         return self._of_axis(x, k)[1]
 
     def largest_shift(self, x: Array, k: int) -> float:
-        """Return what a second of lag shifts the bias of axis k at most, in its unit."""
+        """Return the largest shift of the bias of axis k per second of lag, in its unit."""
         size, _ = BIAS_UNITS[self.sensor.axes[k].measures]
         return float(np.abs(self.slope(x, k) * self.blocks.rate).max()) / size
 
@@ -175,7 +175,8 @@ def ramp_model(
     track = observations.track
     if track is None or track.temperature is None:
         raise InputError(
-            "[data] temperature is missing: a ramp needs the recorded temperature; name its column",
+            "[data] temperature is missing, but a ramp needs the recorded temperature; name "
+            "its column",
             key="[data] temperature",
         )
     blocks = RampBlocks.from_track(track)

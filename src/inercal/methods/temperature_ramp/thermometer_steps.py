@@ -71,7 +71,7 @@ class Crossings(NamedTuple):
 
 
 def thermometer_step(kelvin: Array) -> float | None:
-    """Return the step of a thermometer, K; None where its readings are not even steps.
+    """Return the step of a thermometer, K; None if its readings are not even steps.
 
     Parameters
     ----------

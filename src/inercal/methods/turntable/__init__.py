@@ -69,7 +69,7 @@ def source_noise_note(sensor: Sensor, track: Track) -> str:
 def stated_value_findings(
     estimate: Estimate, expected: Mapping[str, Parameter]
 ) -> tuple[Finding, ...]:
-    """Return a warning for each parameter of the table that is far from what was stated.
+    """Return a warning for each parameter of the table that is far from its stated value.
 
     Parameters
     ----------

@@ -168,7 +168,8 @@ def drift_model(noises: Sequence[Noise], run_duration: float, name: str = "senso
     correlation = np.array([one.correlation for one in noises])
     if np.ptp(correlation) > 0:
         raise InputError(
-            f"{name}: the axes state different correlation times of the drift; state one for all",
+            f"{name}: the axes state different correlation times of the drift; state the same "
+            "for all",
             key="correlation",
         )
     walk = np.array([one.random_walk**2 for one in noises])

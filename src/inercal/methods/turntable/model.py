@@ -103,7 +103,9 @@ def triad_model(
     if not all(one.white > 0 for one in noise):
         which = "accelerometer" if kind == "f" else "gyro"
         key = f"[sensor.{which}] white"
-        raise InputError(f"{key}: a filter needs the noise density of all axes; add it", key=key)
+        raise InputError(
+            f"{key} is missing, but a filter needs the noise density of all axes; add it", key=key
+        )
     return TriadModel(
         part,
         terms(part),
@@ -204,7 +206,7 @@ def prior_dominated_directions(
 ) -> tuple[float, tuple[NullDirection, ...]]:
     """Return directions that are determined partly by the assumed sizes, and the largest share.
 
-    Arguments as of `undecided_directions`.
+    Arguments as for `undecided_directions`.
     """
     return _directions_by_variance_share(part, covariance, _MIN_PRIOR_SHARE, _MAX_DECIDED_SHARE)
 
@@ -215,7 +217,7 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
     Parameters
     ----------
     part, covariance
-        As of `undecided_directions`.
+        As for `undecided_directions`.
     what : str
         "gyros" or "accelerometers".
 
@@ -228,8 +230,8 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
         words = tuple(direction.words for direction in free)
         touched = {word for text in words for word in text.split()}
         raise NotObserved(
-            f"not observed: the run determines {p - len(free)} of {p} coefficients of the {what} "
-            f"(free directions, in units of g and rad/s: {'; '.join(words)}); turn about each axis "
+            f"the run determines only {p - len(free)} of {p} coefficients of the {what} (free "
+            f"directions, in units of g and rad/s: {'; '.join(words)}); turn about each axis "
             "with continuous readback, hold more attitudes, or give priors",
             words,
             names=tuple(name for name in part.sensor.coefficients if name in touched),

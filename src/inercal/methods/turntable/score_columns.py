@@ -92,7 +92,7 @@ class ColumnInputs(NamedTuple):
 def sensor_of_omitted_coefficients(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
     """Return a triad with the coefficients of its tables that are not estimated.
 
-    Those of temperature only where it is known and varies, `temperature_varies`.
+    Those of temperature only if it is known and varies, `temperature_varies`.
     """
     names = tuple(
         full
@@ -122,7 +122,7 @@ def sensor_columns(
     time : (n,) array
         s.
     warmth : (n,) array, optional
-        Temperature minus the sensor's reference temperature, K, where it is known and varies.
+        Temperature minus the sensor's reference temperature, K, if known and varies.
     run : (float, float), optional
         First and last time of the run, s, where these are not all of it.
     """
@@ -158,7 +158,7 @@ def sensor_columns(
 def gyro_columns(
     epochs: ColumnInputs, first: int = 0, stop: int | None = None
 ) -> tuple[ConstantColumns, Array]:
-    """Return the columns of gyros whose attitude a readback shows, and c before the first of them.
+    """Return the columns of gyros whose attitude a readback shows, and c before the first one.
 
     Parameters
     ----------

@@ -161,7 +161,7 @@ def used_term_indices(weights: Array) -> Indices:
 
 
 def added_term_indices(used: Indices, first: int) -> Indices:
-    """Return those of the terms in use that M does not hold: it holds u and u ΔT, from `first`."""
+    """Return the terms in use, from `first`, that M does not include; M includes u and u ΔT."""
     linear = np.where(used >= TEMPERATURE, used - TEMPERATURE, used)
     return used[(linear < first) | (linear >= first + 3)]
 
@@ -332,7 +332,7 @@ def epoch_indices(time: Array, period: float, last: float) -> Indices:
 def epoch_indices_in_holds(
     time: Array, hold: Indices, period: float, last: float, number: int
 ) -> Indices:
-    """Do the same within holds: the first sample of each, then every period."""
+    """Return epoch indices within holds: the first sample of each, then every period."""
     found = np.empty(time.size, np.int64)
     return found[: _write_epochs(time, hold, period - STAMP_ROUNDING, last, number, found)]
 

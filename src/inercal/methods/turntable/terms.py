@@ -67,13 +67,14 @@ def terms(sensor: Sensor) -> Terms:
     if len(sensor.axes) != 3 or len(kinds) != 1:
         axes = tuple(axis.name for axis in sensor.axes)
         raise InputError(
-            f"sensor {sensor.name} has axes {', '.join(axes)}; the method takes three "
+            f"sensor {sensor.name} has axes {', '.join(axes)}, but the method needs three "
             "accelerometers or three gyros",
             names=axes,
         )
     if sensor.form != "reference":
         raise InputError(
-            f'sensor {sensor.name} has form = "{sensor.form}"; the method takes form = "reference"',
+            f'sensor {sensor.name} has form = "{sensor.form}", but the method needs form = '
+            '"reference"',
             key="form",
         )
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""An IMU on a turntable by the traditional procedure: means at rest, and over steady whole turns.
+"""An IMU on a turntable by the traditional procedure, with means at rest and over whole turns.
 
 Accelerometers read gravity in positions; gyros read the earth's rate there and steady rates of
 both signs in rotations. The sum over both signs gives biases and the earth's rate, the difference
@@ -204,7 +204,7 @@ def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array])
     ----------
     bench : Turntable
     nominal : MeanMotion
-        As of `stack_row_means`.
+        As for `stack_row_means`.
     q : mapping of str to (...) array
         Values by name, SI; those missing are as declared.
     """
@@ -322,7 +322,7 @@ def _add_readback_noise(
 
 
 def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observations:
-    """Return the observations with the drift that the sensor states, in place of another."""
+    """Return the observations with the drift that the sensor states, instead of another."""
     noises = [axis.noise for axis in sensor.axes]
     if not any(one.bias_instability or one.random_walk for one in noises):
         return observations
@@ -347,8 +347,8 @@ def _rows_from_readback(
         at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= reach)
         if at.size < _MIN_SAMPLES:
             raise InputError(
-                f"step {step.label}: the recording has {at.size} samples of this step; it needs "
-                f"{_MIN_SAMPLES}: check the times of the step",
+                f"step {step.label}: the recording has {at.size} samples of this step, but "
+                f"{_MIN_SAMPLES} are needed; check the times of the step",
                 names=(step.label,),
             )
         if isinstance(step, Rotation):
@@ -368,7 +368,7 @@ def _require_axes(bench: Turntable, steps: TableSteps) -> None:
     for step in steps:
         if step.angles is not None and len(step.angles) != k:
             raise InputError(
-                f"step {step.label}: {len(step.angles)} angles are given; the table has {k} axes",
+                f"step {step.label} has {len(step.angles)} angles, but the table has {k} axes",
                 names=(step.label,),
             )
         if not isinstance(step, Position) and step.axis >= k:

@@ -148,7 +148,7 @@ def is_rejected(
     variance : (m,) array
         Diagonal of R; it may be negative where S is not.
     gate : float
-        Standard deviations; infinite where nothing is rejected.
+        Standard deviations; infinite if nothing is rejected.
     rejections : (2,) array of int
         In a row, and in all; changed in place.
     trial, gain, off : (n, n), (n,) and (n,) arrays

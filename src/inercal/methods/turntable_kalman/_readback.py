@@ -175,7 +175,7 @@ def update_by_readback(
     seen: ReadbackTerms,
     gain: Array,
 ) -> None:
-    """Write the readback minus the attitude at its time, linearised at what is most probable.
+    """Write the readback minus the attitude at its time, linearised at the most probable value.
 
     Where the delay is uncertain, z = h x is iterated at the estimated delay. Source: Bell and
     Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton.

@@ -2,7 +2,7 @@
 
 States: δV (3), φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the
 table's attitude: lean of the base, right angles and harmonics of the readback; or the lean and,
-anew at each hold, an error of its angles (2) in place of the others. At every hold the attitude is
+anew at each hold, an error of its angles (2) instead of the others. At every hold the attitude is
 taken from the table and is constant; the velocity is set to zero and integrated. Estimates are fed
 back at every epoch. The source integrates the attitude by the gyros: their errors, above all
 their sensitivity to g, are then taken for tilt.
@@ -47,7 +47,7 @@ class AccelerometerFilter(Filter[VelocityState]):
     Parameters
     ----------
     triad, bench, prior, initial_values, table
-        As of `Filter`.
+        As for `Filter`.
     hold_errors : bool
         Whether the error of each hold's angles is a state.
     readback_sd : float or None
@@ -91,7 +91,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         Parameters
         ----------
         sensor, bench, track, priors
-            As of `GyroFilter.from_track`.
+            As for `GyroFilter.from_track`.
         bias_drift : bool
             Whether biases drift.
         table : "whole", "lean" or "exact"

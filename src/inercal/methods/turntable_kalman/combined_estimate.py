@@ -200,8 +200,9 @@ def split_priors(sensor: Sensor, priors: Priors) -> list[Gaussian]:
         first, second = (np.flatnonzero(np.isin(prior.names, names)) for names in own)
         if np.any(prior.covariance[np.ix_(first, second)]):
             raise InputError(
-                f"prior on {', '.join(prior.names)}: the filters estimate gyros and accelerometers "
-                "separately; give an uncorrelated prior for each, or use turntable_trajectory",
+                f"prior on {', '.join(prior.names)}: the filters estimate gyros and "
+                "accelerometers separately; give an uncorrelated prior for each, or use "
+                "turntable_trajectory",
                 names=prior.names,
             )
         result += [part for names in own if (part := prior.marginal(names)) is not None]

@@ -147,12 +147,12 @@ class Filter(ABC, Generic[S]):
         return made.state, course
 
     def follow(self, state: S, track: Track) -> FilteredTrack[S]:
-        """Return the filter after the samples of a track, and what it did there."""
+        """Return the filter after the samples of a track, and a record of its steps."""
         return filter_track(self, state, track)
 
     @abstractmethod
     def advance(self, state: S, track: Track, wanted: Array | None = None) -> tuple[S, FilterPiece]:
-        """Return the state after the samples of a piece of a track, and what the filter did.
+        """Return the state after the samples of a piece of a track, and a record of the steps.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class Filter(ABC, Generic[S]):
         Parameters
         ----------
         elapsed, since : float
-            As of `Drift.mean`.
+            As for `Drift.mean`.
 
         Returns
         -------
@@ -237,7 +237,7 @@ class Filter(ABC, Generic[S]):
 
     @staticmethod
     def innovation_gate(track: Track) -> float:
-        """Return how many standard deviations an innovation may have; infinite where any.
+        """Return how many standard deviations an innovation may have; infinite if any.
 
         A gate is for readings of a table that may have a false digit. In a recording whose every
         sample has an angle of its own the checks of reading find such.
@@ -246,7 +246,7 @@ class Filter(ABC, Generic[S]):
 
     @cached_property
     def kernel_model(self) -> KernelModel:
-        """The model of the triad at its place, as a kernel takes it."""
+        """The model of the triad at its place, in the form for a kernel."""
         part, bench = self.triad, self.bench
         return KernelModel(
             part.terms,
@@ -270,21 +270,21 @@ class Filter(ABC, Generic[S]):
         return used, strapdown.added_term_indices(used, terms.first), np.flatnonzero(terms.bias)
 
     def samples(self, track: Track) -> FilterSamples:
-        """Return the samples of a track as a kernel takes them."""
+        """Return the samples of a track in the form for a kernel."""
         reading = np.ascontiguousarray(track.reading[:, self.triad.channels])
         depends = self.triad.terms.has_temperature
         warmth = temperature.sample_offsets(track, self.triad.sensor) if depends else _NONE
         return FilterSamples(track.time, reading, track.hold, warmth)
 
     def allocate_steps(self, epochs: int, wanted: Array | None) -> tuple[FilterSteps, Array]:
-        """Return arrays for a kernel's steps and for its history; `wanted` as of `advance`."""
+        """Return arrays for a kernel's steps and for its history; `wanted` as for `advance`."""
         n, kept = len(self.states), 1 if wanted is None else epochs
         sums = np.zeros((0, n)) if wanted is None else wanted
         steps = allocate_steps(kept, n, len(self.leading_states), self.rows, sums)
         return steps, np.empty((epochs, self.rows + 1 + 2 * n))
 
     def state_sums(self, names: Sequence[str]) -> Array:
-        """Return the weights of the states in what `time_varying_states` names, (r, n)."""
+        """Return the weights of the states in the quantities of `time_varying_states`, (r, n)."""
         states = self.states
         wanted = np.zeros((len(names), len(states)))
         for row, name in zip(wanted, names, strict=True):
@@ -332,7 +332,7 @@ class RunningFilter(Generic[S]):
         self.state = self.filter.advance(self.state, track)[0]
 
     def follow(self, track: Track) -> FilteredTrack[S]:
-        """Take in the samples that follow, and return what the filter did."""
+        """Process the next samples, and return a record of the filter's steps."""
         made = self.filter.follow(self.state, track)
         self.state = made.state
         return made

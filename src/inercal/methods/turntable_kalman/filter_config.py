@@ -100,7 +100,7 @@ class FilterConfig(NamedTuple):
     ) -> GyroFilter | AccelerometerFilter:
         """Return the filter of the gyros ("w") or of the accelerometers ("f").
 
-        Arguments and errors as of `GyroFilter.from_track` and `AccelerometerFilter.from_track`.
+        Arguments and errors as for `GyroFilter.from_track` and `AccelerometerFilter.from_track`.
         """
         gyros, accelerometers = self.readback_sd(bench)
         sizes = self.expected_sizes(kind)
@@ -120,7 +120,7 @@ class FilterConfig(NamedTuple):
         )  # fmt: skip
 
     def untested_reason(self, kind: FilterKind) -> str:
-        """Return why the innovations do not test noise and table; empty where they do."""
+        """Return why the innovations do not test noise and table; empty if they do."""
         if "readback_sd" in self.source_values and self.attitude_sd is not None:
             sd = self.attitude_sd[FILTER_KINDS.index(kind)] / ARCSEC
             return f"the source's R, {sd:.3g}″, is not the noise of the readback"
@@ -155,7 +155,7 @@ class FilterConfig(NamedTuple):
         }
 
     def describe_changes(self, estimator: str) -> str:
-        """Return the values that are not an estimator's own, with these; empty where none is."""
+        """Return the values that are not an estimator's own, with these; empty if none is."""
         own = FILTER_CONFIGS[estimator].describe()
         return "; ".join(
             f"{key} {text} (default {own[key]})"

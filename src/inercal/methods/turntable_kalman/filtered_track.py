@@ -48,7 +48,7 @@ class FilterPiece(NamedTuple):
 
 @dataclass(eq=False)
 class FilteredTrack(Generic[S]):
-    """A filter after a track, and what it did there.
+    """A filter after a track, with a record of its steps.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class FilteredTrack(Generic[S]):
     history: FilterHistory
 
     def pieces(self) -> Iterator[FilterPiece]:
-        """Yield what the filter did in each piece, with the steps of each epoch."""
+        """Yield the record of each piece, with the steps of each epoch."""
         none = np.zeros((0, len(self.filter.states)))
         for k in range(len(self.starts)):
             yield self._repeat(k, none)
@@ -145,7 +145,7 @@ class FilteredTrack(Generic[S]):
 def filter_track(
     filter_: "Filter[S]", state: S, track: Track, piece: int | None = None
 ) -> FilteredTrack[S]:
-    """Return a filter after the samples of a track, and what it did.
+    """Return a filter after the samples of a track, with a record of its steps.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class GyroFilter(Filter[AttitudeState]):
     Parameters
     ----------
     triad, bench, prior, initial_values, table
-        As of `Filter`.
+        As for `Filter`.
     readback_sd : float
         Standard deviation of the attitude by readback, rad.
     lag : int
@@ -307,9 +307,9 @@ def _buffer_lengths(
     span = 2 * _LATENCY_COVERAGE * sd
     if span > _MAX_LATENCY_SPAN:
         raise InputError(
-            f"[bench] latency: ± {1e3 * sd:.3g} ms is too uncertain; the gyros' filter takes ± "
-            f"{1e3 * _MAX_LATENCY_SPAN / 2 / _LATENCY_COVERAGE:.3g} ms at most: measure the "
-            "latency by a turn back and forth, and state it",
+            f"[bench] latency: ± {1e3 * sd:.3g} ms is too uncertain, because the gyros' filter "
+            f"allows at most ± {1e3 * _MAX_LATENCY_SPAN / 2 / _LATENCY_COVERAGE:.3g} ms; "
+            "measure the latency with a turn back and forth, and state it",
             key="[bench] latency",
         )
     return lag, ceil((span + _LATENCY_COVERAGE * bench.clock * most) / step) + _SPARE_SAMPLES

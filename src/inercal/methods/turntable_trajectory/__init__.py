@@ -102,7 +102,7 @@ def solve_trial(
     Parameters
     ----------
     sensor, bench, priors
-        As of `trajectory`.
+        As for `trajectory`.
     track : Track
         Of one trial.
     epochs : (e,) array of int, optional
@@ -113,7 +113,7 @@ def solve_trial(
     Raises
     ------
     InputError, NotObserved
-        As of `trajectory`.
+        As for `trajectory`.
     """
     parts = tuple(_row_sets(sensor, bench, track, epochs))
     requested = trajectory_problem(sensor, bench, parts, priors)
@@ -219,7 +219,7 @@ def with_mean_biases(
     estimate : Estimate
         Of `trajectory_problem`.
     sensor, bench, parts
-        As of `trajectory_problem`.
+        As for `trajectory_problem`.
     """
     value, by = estimate.value.copy(), np.eye(len(estimate.names))
     beyond = np.zeros_like(by)

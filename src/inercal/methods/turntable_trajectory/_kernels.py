@@ -259,7 +259,7 @@ def whiten(
     rows : (e, 3, m) array
         Increments of the residual and of columns, rad: replaced.
     drifting, driven : (e, 3, 3) arrays
-        As of `increments`.
+        As for `increments`.
     readback : (e + 1, 3, 3) array
         Covariance of the attitude by readback, less what neighbouring increments share
         (`rate_bends`), rad².
@@ -346,14 +346,14 @@ def whiten_independent_axes(
     white : (e, 3) array
         Variance of the noise of each.
     drift, start
-        As of `whiten`.
+        As for `whiten`.
     begun : float
         When the run began, s.
 
     Returns
     -------
     x, p
-        As of `whiten`, after the last mean.
+        As for `whiten`, after the last mean.
     """
     components, m, n = drift.times.size, rows.shape[2], len(start)
     x, p = np.zeros((n, m)), start.copy()

@@ -291,8 +291,8 @@ class StaticRows:
         """
         if not (track.hold >= 0).any():
             raise InputError(
-                "the recording has no rest, which the accelerometers need; hold the table still, or"
-                " calibrate the gyros alone",
+                "the recording has no rest, but the accelerometers need one; hold the table "
+                "still, or calibrate only the gyros",
                 key="hold",
             )
         at = np.flatnonzero(track.hold >= 0)
@@ -334,7 +334,7 @@ class StaticRows:
     def whiten(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Return whitened residual, Jacobian and the mean drift; as of `RotationRows`."""
+        """Return whitened residual, Jacobian and the mean drift; as for `RotationRows`."""
         off = np.array([q[one.name] - one.value for one in self.table])
         motion = Motion(self.sensed_force + self.by @ off)
         if self.temperature_offset is not None:

@@ -11,14 +11,13 @@ from inercal.physics.sensors.axis import Axis
 from inercal.physics.sensors.coefficient_tables import TABLES
 
 
-@lru_cache(maxsize=256)
-def select_coefficients(axes: tuple[Axis, ...], chosen: tuple[str, ...]) -> tuple[str, ...]:
+def select_coefficients(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[str, ...]:
     """Return full coefficient names, axis by axis in the order of the tables.
 
     Parameters
     ----------
-    axes : tuple of Axis
-    chosen : tuple of str
+    axes : sequence of Axis
+    chosen : sequence of str
         `"k0"`, `"x.k0"`, a group (`"bias"`, `"misalignment"`, …) or `"x.misalignment"`.
 
     Raises
@@ -26,6 +25,11 @@ def select_coefficients(axes: tuple[Axis, ...], chosen: tuple[str, ...]) -> tupl
     InputError
         A word names no coefficient of these axes; the message lists the known names.
     """
+    return _select_coefficients(tuple(axes), tuple(chosen))
+
+
+@lru_cache(maxsize=256)
+def _select_coefficients(axes: tuple[Axis, ...], chosen: tuple[str, ...]) -> tuple[str, ...]:
     picked: set[str] = set()
     for word in chosen:
         axis_name, short = CoefficientName(word).parts

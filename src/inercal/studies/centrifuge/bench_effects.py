@@ -66,7 +66,7 @@ class LeverArmErrors:
 
 
 def lever_arm_errors() -> LeverArmErrors:
-    """Return what lever arms of 2 cm do."""
+    """Return the effects of lever arms of 2 cm."""
     spins = steps()
     own = np.diag([0.0, ARM_LENGTH, ARM_LENGTH])
     output = outputs(replace(TRUTH, arms=own), spins)

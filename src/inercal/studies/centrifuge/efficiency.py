@@ -46,7 +46,7 @@ def least_observable_terms(spins: tuple[Spin, ...]) -> str:
 
 
 def known_attitude_bound() -> Array:
-    """Return the Cramér–Rao bound of S, b, D, (3, 3), where the attitudes are known exactly."""
+    """Return the Cramér–Rao bound of S, b, D, (3, 3), for exactly known attitudes."""
     spins = steps()
     return stated_deviations(
         ml_estimate(outputs(TRUTH, spins), spins, replace(BENCH, indexing=0.0))
@@ -54,7 +54,7 @@ def known_attitude_bound() -> Array:
 
 
 def full_circle_bound() -> Array:
-    """Return the bound of S, b, D, (3, 3), of as many dwells all round the circle."""
+    """Return the bound of S, b, D, (3, 3), of as many dwells all around the circle."""
     spins = steps("full-circle")
     return stated_deviations(ml_estimate(outputs(TRUTH, spins), spins))
 

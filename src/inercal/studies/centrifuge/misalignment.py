@@ -62,7 +62,7 @@ def _device_errors(device: SimulatedTriad) -> dict[str, Array]:
 
 
 def ignored_misalignment_errors() -> IgnoredMisalignment:
-    """Return what misalignments over the range of Fig. 4 do."""
+    """Return the effects of misalignments over the range of Fig. 4."""
 
     def over(devices: list[SimulatedTriad]) -> dict[str, Array]:
         found = [_device_errors(device) for device in devices]

@@ -266,7 +266,7 @@ class CentrifugeTrials:
 
 
 def repeat_experiment(trials: int, seed: int) -> CentrifugeTrials:
-    """Return what the estimators make of the paper's design with its stated noise.
+    """Return the results of the estimators on the paper's design with its stated noise.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ def gain_errors(mounting: float, trials: int, seed: int) -> tuple[Array, Array]:
 
 
 def mounting_angle_error(angle: float) -> float:
-    """Return what a mounting angle of both leaves of k1 + K3 without the correction, µg."""
+    """Return the error of k1 + K3 from a mounting angle of both without the correction, µg."""
     y = _exact_readings({"a.delta_o": angle, "b.delta_o": angle}, np.zeros(4))
     return float(four_points(y, corrected=False).gain[0]) / MICRO
 

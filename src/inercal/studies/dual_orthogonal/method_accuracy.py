@@ -52,7 +52,7 @@ def method_accuracy_calls(trials: int, seed: int) -> list[Call]:
 
 
 def combine_methods(found: Sequence[tuple[dict[str, Rms], Rms | None]]) -> MethodAccuracy:
-    """Return what the methods reach with a head of 3″, from the results of the calls."""
+    """Return the accuracy of the methods with a head of 3″, from the results of the calls."""
     by_name = dict(zip(METHODS, found, strict=True))
     return MethodAccuracy(
         {name: columns for name, (columns, _) in by_name.items()},

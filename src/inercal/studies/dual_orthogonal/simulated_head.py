@@ -96,7 +96,7 @@ class DividingHeadCase:
     seed: int
 
     def production_prior(self, term: str, sd: float) -> Gaussian:
-        """Return what is known of a coefficient by its make: about 0, sd in natural units."""
+        """Return the prior of a coefficient from its type: about 0, with sd in natural units."""
         return self._prior(term, np.zeros(2), sd)
 
     def measured_prior(self, term: str, sd: float) -> Gaussian:
@@ -278,7 +278,7 @@ def method_errors(
     head, pier : float
         Deviations of the head and of the base's tilt, ″.
     sizes, noise
-        As of `simulate`.
+        As for `simulate`.
 
     Raises
     ------

@@ -86,7 +86,7 @@ class FormErrors:
 
 
 def compare_forms(sizes: dict[str, float], trials: int, seed: int) -> FormErrors:
-    """Return what both forms leave of readings without noise, with a head of 3″."""
+    """Return the errors of both forms for readings without noise, with a head of 3″."""
     level = replace(nominal_bench(collimated="none"), lean=0.0)
     case = simulate(level, trials, seed, sizes=sizes, noise=0.0)
     off = linear_form_errors(case)

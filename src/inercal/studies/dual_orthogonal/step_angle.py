@@ -48,7 +48,7 @@ def positions_with_cardinals(n: int) -> tuple[Index, ...]:
 def judged_errors(
     name: str, steps: Sequence[Index], trials: int, seed: int, noise: float = NOISE
 ) -> Array | None:
-    """Return the errors in `JUDGED_COLUMNS`, (trials, 9) µg; None where a method refuses."""
+    """Return the errors in `JUDGED_COLUMNS`, (trials, 9) µg; None if a method refuses."""
     try:
         found = method_errors(name, trials, seed, steps, noise=noise)
     except NotObserved:
@@ -58,7 +58,7 @@ def judged_errors(
 
 @dataclass(frozen=True, eq=False)
 class StepEffect:
-    """What a step does: errors by way, as of `judged_errors`.
+    """What a step does: errors by way, as for `judged_errors`.
 
     Parameters
     ----------

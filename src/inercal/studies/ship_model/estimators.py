@@ -88,7 +88,7 @@ def _undamped_from_planar(case: ShipModelCase) -> AffineModel:
 
 
 def undamped_model(case: ShipModelCase, start: AffineModel) -> AffineModel:
-    """Return where undamped steps lead: what rounding leaves of a null direction is divided by.
+    """Return where undamped steps lead, which divide by the rounding errors of null directions.
 
     It hangs on the rounding of the machine; a device that runs away is left where it went.
     """

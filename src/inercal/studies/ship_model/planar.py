@@ -43,7 +43,7 @@ def level_norm_deviations(model: AffineModel, case: ShipModelCase) -> Array:
 
 
 def exact_mounting_norm_error(trials: int, seed: int) -> Array:
-    """Return planar's norm error at the groups where no mounting errs, (trials,) g."""
+    """Return planar's norm error at the groups with exact mountings, (trials,) g."""
     case = simulate(trials, seed, EXACT_BENCH)
     model = fit_level_states(case.readings[:, case.level_rows], case.nominal[case.level_rows]).model
     return norm_rms(model, case)

@@ -165,7 +165,7 @@ def random_pose_forces(seed: int) -> Array:
 
 
 def calibration_errors(model: AffineModel, device: AffineModel, f: Array) -> Array:
-    """Return M a + p − f where f (r, 3) is sensed and a read without noise, (..., r, 3)."""
+    """Return M a + p − f, (..., r, 3), for the sensed f (r, 3) and its reading a without noise."""
     return model.correct(device.correct(f)) - f
 
 

@@ -51,7 +51,7 @@ class OscillationParameters:
 
 @dataclass(frozen=True)
 class WaveConditions:
-    """How a model moves, and where on it the accelerometer sits, m."""
+    """How a model moves, and where on it the accelerometer is, m."""
 
     heave: OscillationParameters
     pitch: OscillationParameters
@@ -157,7 +157,7 @@ class ResidualError(NamedTuple):
 
 
 def residual_error(found: EstimatorComparison, name: str, f: Array) -> ResidualError:
-    """Return what a calibration leaves where f (n, 3) g is sensed, the readings without noise."""
+    """Return the error that a calibration leaves for the sensed f (n, 3), g, without noise."""
     rms, peak, rest_corrected = np.zeros((3, len(found.case.readings), 3))
     model, device = found.models[name], found.case.device
     # At rest at last: one more row.

@@ -137,7 +137,7 @@ def discrete_estimates(case: TurntableCase) -> dict[str, FilterErrors]:
 
 
 def open_loop_estimate(case: TurntableCase) -> FilterErrors:
-    """Return the gyros' filter from raw biases, nothing of what it finds fed back."""
+    """Return the gyros' filter started from raw biases, without feedback of its estimates."""
     filter_ = build_gyro_filter(case, "paper")
     raw = replace(filter_, initial_values=np.zeros(12), feedback=False)
     return run_gyro_filter(raw, case, case.first(FIRST_TURN))
@@ -292,7 +292,7 @@ def printed_unit_size(kind: CoefficientKind, of: str) -> float:
 
 
 def nees(found: Sequence[FilterErrors]) -> Rms:
-    """Return the mean squared error over what is stated, a coefficient: 1 where that is right."""
+    """Return the mean squared error over the stated variance per coefficient; 1 is right."""
     each = np.array(
         [one.error @ np.linalg.solve(one.covariance, one.error) / one.error.size for one in found]
     )

@@ -1,1 +1,1 @@
-"""The revisions of a register's tables, the first first; Alembic runs them when one is opened."""
+"""The revisions of a register's tables, oldest first; Alembic runs them when one is opened."""

@@ -1,4 +1,4 @@
-"""What Alembic runs to migrate: all in the transaction of the connection that it is given."""
+"""Runs all migrations for Alembic in the transaction of the connection it is given."""
 
 from alembic import context
 
@@ -6,7 +6,7 @@ from inercal.laboratory.store.register_tables import metadata
 
 
 def migrate() -> None:
-    """Run the revisions that are to come."""
+    """Run the pending revisions."""
     context.configure(
         connection=context.config.attributes["connection"],
         target_metadata=metadata,

@@ -1,1 +1,1 @@
-"""One revision a module."""
+"""The revisions, one in each module."""

@@ -1,6 +1,6 @@
-"""The tables: sensors, benches, runs with their files, calibrations, certificates, noise analyses.
+"""Tables of sensors, benches, runs with their files, calibrations, certificates and noise analyses.
 
-Certificates are issued once, and neither changed nor deleted afterwards: triggers refuse it.
+Triggers prevent that an issued certificate is changed or deleted.
 """
 
 import sqlalchemy as sa
@@ -13,7 +13,7 @@ _REASON = "certificates are immutable"
 
 
 def upgrade() -> None:
-    """Create them."""
+    """Create the tables."""
     op.create_table(
         "sensor",
         sa.Column("id", sa.Integer, nullable=False),
