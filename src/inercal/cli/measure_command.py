@@ -174,6 +174,8 @@ def _run_file_of(table: Path) -> Path:
         if isinstance(data, dict) and cast(dict[str, Any], data).get("file") == table.name:
             found.append(path)
     if len(found) != 1:
+        if not table.exists():
+            raise InputError(f"{table}: no such file; check the path", file=table)
         what = f"{', '.join(map(str, found))} name" if found else "no run file in its folder names"
         raise InputError(
             f"{table}: {what} it as [data] file; give the run file by --run FILE", key="--run"

@@ -97,6 +97,6 @@ def _date_lines(history: SensorHistory) -> list[str]:
     if len(history.entries) < 2 or not made:
         return []
     return [
-        f"{', '.join(made)}: dated by the making of the file, and so is every drift; state when it "
+        f"{', '.join(made)}: the date, and with it every drift, is that of the file; state when it "
         "was measured: inercal store import FILE --measured DATE"
     ]
