@@ -193,11 +193,13 @@ def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
         say(f"· The table has no row of {', '.join(table.left_out)}.")
     if table.measured:
         left = ": the others follow." if table.measured < len(table.rows) else "."
-        say(f"· {table.measured} of {format_count(len(table.rows), 'row')} measured{left}")
+        rows = format_count(len(table.rows), "row is", "rows are")
+        say(f"· {table.measured} of {rows} measured{left}")
 
 
 def _how_to_continue(table: "MeasurementTable") -> str:
     command = shlex.join(["inercal", *(word for word in sys.argv[1:] if word != "--force")])
     return (
-        f"{table.measured} of {format_count(len(table.rows), 'row')} measured; to go on: {command}"
+        f"{table.measured} of {format_count(len(table.rows), 'row is', 'rows are')} measured; to "
+        f"go on: {command}"
     )
