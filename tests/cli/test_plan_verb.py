@@ -55,7 +55,7 @@ def changed(path: Path, *changes: tuple[str, str]) -> Path:
 def test_positions_in_order_and_what_they_will_give(pair: Path, program: Program):
     status, printed, errors = program("dual-orthogonal", "--run", pair)
     assert (status, errors) == (0, "")
-    assert "24 positions, 720 s of holding in all" in printed
+    assert "24 positions, 12 min of holding in all" in printed
     numbers = re.findall(r"│ +(\d+) │ ([fr]\d\d) +│ (\S+) +│ (1, forward|2, reverse) +│", printed)
     assert [row[0] for row in numbers] == [str(k) for k in range(1, 25)]
     assert numbers[11:13] == [

@@ -239,6 +239,15 @@ def test_code_that_is_found_by_its_file_gets_the_name_of_its_function(to: str, w
     assert path.stem.isidentifier() is (to != "px4")
 
 
+@pytest.mark.parametrize(
+    ("to", "wanted"),
+    [("matlab", "left_arm_correct.m"), ("px4", "left_arm.px4.params"), ("csv", "left_arm.csv")],
+)
+def test_a_stated_name_is_that_of_every_file_and_no_suffix_is_doubled(to: str, wanted: str):
+    path = default_path(Path("run.calibration.json"), TARGETS.find(to), "IMU-7", "left/arm")
+    assert path == Path(wanted)
+
+
 def test_the_verb_writes_beside_what_it_says(tmp_path: Path):
     path = inercal.save(make_calibration(), tmp_path / "run.calibration.json")
     out = tmp_path / "board.params"

@@ -67,8 +67,8 @@ _IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?pre
 @app.command()
 def run(
     run_file: _RunFile,
-    table: Annotated[str, typer.Option(help=_TABLE_HELP)],
-    imu: Annotated[str, typer.Option(help=_IMU_HELP)],
+    table: Annotated[str, typer.Option(help=f"Address of the table: {_TABLE_HELP}")],
+    imu: Annotated[str, typer.Option(help=f"Address of the IMU: {_IMU_HELP}")],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="New folder of the run; by default named by the time."),

@@ -174,6 +174,8 @@ def _run_file_of(table: Path) -> Path:
         if isinstance(data, dict) and cast(dict[str, Any], data).get("file") == table.name:
             found.append(path)
     if len(found) != 1:
+        if not table.exists():
+            raise InputError(f"{table}: no such file; check the path", file=table)
         what = f"{', '.join(map(str, found))} name" if found else "no run file in its folder names"
         raise InputError(
             f"{table}: {what} it as [data] file; give the run file by --run FILE", key="--run"
@@ -191,11 +193,13 @@ def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
         say(f"· The table has no row of {', '.join(table.left_out)}.")
     if table.measured:
         left = ": the others follow." if table.measured < len(table.rows) else "."
-        say(f"· {table.measured} of {format_count(len(table.rows), 'row')} measured{left}")
+        rows = format_count(len(table.rows), "row is", "rows are")
+        say(f"· {table.measured} of {rows} measured{left}")
 
 
 def _how_to_continue(table: "MeasurementTable") -> str:
     command = shlex.join(["inercal", *(word for word in sys.argv[1:] if word != "--force")])
     return (
-        f"{table.measured} of {format_count(len(table.rows), 'row')} measured; to go on: {command}"
+        f"{table.measured} of {format_count(len(table.rows), 'row is', 'rows are')} measured; to "
+        f"go on: {command}"
     )

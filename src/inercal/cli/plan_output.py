@@ -291,6 +291,6 @@ def _print(run: "Run", plan: _Plan) -> None:
     print_table(
         ("coefficient", "meaning", ">U (k = 2)", "unit"),
         rows,
-        title=f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}",
+        title=f"expected of {run.sensor.name}: {run.method.name}, {run.estimator}",
     )
     print_lines(plan.notes, "· ")

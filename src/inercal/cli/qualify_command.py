@@ -149,7 +149,7 @@ def _print_qualification(found: "Qualification") -> None:
     ]
     if found.dof:
         lines.append(
-            f"χ² {found.chi2:.4g} with {found.dof} degrees of freedom (p {found.p_value:.2g})"
+            f"χ² = {found.chi2:.4g} with {found.dof} degrees of freedom, p = {found.p_value:.2g}"
         )
     lines += [f"does not agree with the model: {one}" for one in found.suspects]
     lines += found.remarks

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count
+from inercal.basics.units import format_count, format_number
 from inercal.cli.console import print_json, progress_status
 from inercal.cli.options import Scheduler, Workers, warn_of_root
 from inercal.cli.outputs import PAGE, check_outputs
@@ -94,7 +94,7 @@ def _reproduce_bundle(path: Path, json: bool) -> None:
         print(
             f"{found.stored.sensor.name}: {format_count(found.stored.values.size, 'coefficient')}"
         )
-        print(f"largest difference of a value or of its u: {found.difference:.1e} u")
+        print(f"largest difference of a value or of its u: {format_number(found.difference, 2)} u")
         print(f"verdict: {' and '.join(dict.fromkeys(grades))}")
         for name, (before, now) in changed.items():
             print(f"{name}: {before} then, {now} here")

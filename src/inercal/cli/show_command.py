@@ -227,7 +227,7 @@ def _show_recording(file: Path, json: bool) -> None:
         return
     keys = ("smallest", "median", "largest")
     print_table(
-        ("column", "holds", *(f">{key}" for key in keys)),
+        ("column", "recognised as", *(f">{key}" for key in keys)),
         [
             (row["column"], row["holds"],
              *(x if isinstance(x := row[key], str) else f"{x:.7g}" for key in keys))

@@ -345,7 +345,7 @@ def _print_dates(opened: "Register", entered: list[dict[str, Any]], measured: st
     dated = [n for n in new if opened.calibration(n).measured_from == "created"]
     if dated:
         print(
-            f"{', '.join(f'#{n}' for n in dated)}: dated by the making of the file; where it was "
+            f"{', '.join(f'#{n}' for n in dated)}: the date is that of the file; if it was "
             "measured on another day, import it again with --measured DATE"
         )
 
@@ -386,7 +386,7 @@ def _print_rows(rows: dict[str, int], what: str, names: dict[str, str], json: bo
         print_json({**names, "rows": rows})
         return
     kept = ("sensor", "run", "calibration", "certificate")
-    print(f"{what}: " + ", ".join(f"{rows[name]} {name}s" for name in kept))
+    print(f"{what}: " + ", ".join(format_count(rows[name], name) for name in kept))
 
 
 def _limit(everything: bool, json: bool) -> int | None:

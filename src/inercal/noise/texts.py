@@ -88,7 +88,7 @@ def recording_lengths(channel: ChannelNoise) -> list[str]:
             seconds = length_for(
                 channel.fit.as_variances, channel.dt, symbol, relative, channel.fit.markov_time
             )
-            text = "over 30 years" if seconds == inf else format_duration(seconds)
+            text = "over 30 years" if seconds == inf else format_duration(seconds, 2)
             found.append(f"u({symbol}) = {100 * relative:g} %: {text}")
     return found
 

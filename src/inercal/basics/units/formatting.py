@@ -124,16 +124,16 @@ def format_number(value: float, digits: int) -> str:
     return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + tail
 
 
-def format_duration(seconds: float) -> str:
-    """Return a time with two digits, in days, hours, minutes or seconds.
+def format_duration(seconds: float, digits: int = 3) -> str:
+    """Return a time in days, hours, minutes or seconds, to some significant digits.
 
     Examples
     --------
     >>> [format_duration(t) for t in (4.25, 107, 11520, 21600, 9e6)]
-    ['4.2 s', '107 s', '3.2 h', '6 h', '104 d']
+    ['4.25 s', '107 s', '3.2 h', '6 h', '104 d']
     """
     size, unit = next((one for one in _DURATIONS if seconds >= 2 * one[0]), (1.0, "s"))
-    return f"{format_number(seconds / size, 2 if seconds < 10 * size else 3)} {unit}"
+    return f"{format_number(seconds / size, digits if seconds < 100 * size else 3)} {unit}"
 
 
 def format_count(count: int, noun: str, plural: str = "") -> str:

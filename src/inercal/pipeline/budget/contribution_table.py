@@ -9,6 +9,7 @@ from inercal.physics.sensors import SI_UNITS
 from inercal.pipeline.budget import Budget, BudgetDeviations
 
 SCHEMA = "inercal budget 1"
+_SHOWN = 1e-4  # of the total: less is the rounding of the numbers
 _SMALL = 0.01  # of the total: smaller contributions share one row
 
 
@@ -75,8 +76,10 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
     if small:
         linear, size = (hypot(*column) for column in zip(*small, strict=True))
         name = format_count(len(small), "other")
-        cells = (format_number(linear, 2), format_number(size, 2), "")
-        rows.append(BudgetRow(name, "", *cells, share(size), "others", size, linear))
+        shown = [format_number(x, 2) if x > _SHOWN * total else "0" for x in (linear, size)]
+        rows.append(
+            BudgetRow(name, "", shown[0], shown[1], "", share(size), "others", size, linear)
+        )
     linear, error = (float(x[k]) / si for x in (budget.total.first_order, budget.total.error))
     cells = (
         format_value_and_uncertainty(linear, error)[0],
@@ -99,7 +102,7 @@ def shift_cells(budget: Budget, k: int) -> list[str]:
     """Return the shifts of coefficient k in its unit, three digits; 0 for rounding errors."""
     sensor = budget.experiment.sensor
     si = sensor.coefficient(sensor.coefficients[k]).si
-    least = 1e-4 * float(budget.total.monte_carlo[k])
+    least = _SHOWN * float(budget.total.monte_carlo[k])
     sizes = [float(one.shift[k]) for one in budget.shifts]
     return [f"{'+' * (x > 0)}{format_number(x / si, 3)}" if abs(x) > least else "0" for x in sizes]
 

@@ -282,6 +282,7 @@ def file_sha256(path: Path) -> str:
 
 def open_error(path: str | os.PathLike[str], error: OSError) -> InputError:
     """Return the error of a file that cannot be opened or read."""
-    return InputError(
-        f"{path} cannot be read: {error.strerror or error}", file=Path(os.fspath(path))
-    )
+    why = "no such file; check the path"
+    if not isinstance(error, FileNotFoundError):
+        why = f"cannot be read: {error.strerror or error}"
+    return InputError(f"{path}: {why}", file=Path(os.fspath(path)))

@@ -289,4 +289,4 @@ def check_turn_ends(
 
 
 def _vector_text(vector: np.ndarray) -> str:
-    return "(" + ", ".join(f"{'+' * (x > 0)}{format_number(x, 3)}" for x in vector) + ")"
+    return "(" + ", ".join(f"{'+' * (x > 0)}{format_number(x, 3)}" for x in vector.tolist()) + ")"
