@@ -185,7 +185,8 @@ def imu_lines(imu: ImuConnection) -> list[str]:
         ]
     return lines + [
         f"  preset={one.layout.name}: {one.rate_hz:.6g} packets a second, "
-        f"{100 * one.decoded_fraction:.3g} % of the bytes taken, {one.counts.failed} checksum errors; "
+        f"{100 * one.decoded_fraction:.3g} % of the bytes used, "
+        f"{one.counts.failed} checksum errors; "
         f"{one.layout.protection}"
         for one in imu.decodings
     ]
