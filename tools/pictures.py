@@ -67,7 +67,7 @@ def picture_live_page(browser: Browser, folder: Path) -> None:
 
 def _start(page: Page) -> None:
     page.get_by_label("Name").first.fill("Ada Lovelace")
-    page.get_by_role("radio", name="mimu.toml").first.check()
+    page.locator("#plans input:enabled").first.check()
     page.locator("#start").click()
     page.locator("#start-yes").click()
 

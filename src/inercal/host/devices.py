@@ -186,7 +186,7 @@ def imu_lines(imu: ImuConnection) -> list[str]:
         ]
     return lines + [
         f"  preset={one.layout.name}: {one.rate_hz:.6g} packets a second, "
-        f"{100 * one.decoded_fraction:.3g} % of the bytes taken, "
+        f"{100 * one.decoded_fraction:.3g} % of the bytes used, "
         f"{format_count(one.counts.failed, 'checksum error')}; {one.layout.protection}"
         for one in imu.decodings
     ]
