@@ -12,7 +12,7 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Change
 from inercal.calibration import explanation
 from inercal.calibration.explanation import (
-    Section,
+    ExplanationSection,
     customer_sections,
     first_fit,
     fit,
@@ -202,5 +202,5 @@ def test_a_file_without_lines_and_headings_has_its_notes():
     )
     read = recorded_verdict(old, ("one", "two"))
     assert read.lines == ("Usable with reservations: a check warns: gap",)
-    assert read.explanation == (Section(explanation.NOTES, ("one", "two")),)
+    assert read.explanation == (ExplanationSection(explanation.NOTES, ("one", "two")),)
     assert read.warned == ("gap",)

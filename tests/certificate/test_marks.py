@@ -14,6 +14,7 @@ from tests.program import run_program
 
 import inercal
 from inercal.calibration.check_standard import CHECK_STANDARD
+from inercal.calibration.explanation import NEXT_STEPS, REMARKS
 from inercal.calibration.files import load
 from inercal.calibration.simulated import SIMULATED
 from inercal.cli import certificate_commands
@@ -196,3 +197,18 @@ def test_a_simulated_file_marks_a_calibration_whose_run_file_states_no_truth(
     assert run_program("simulate", tmp_path / "run.toml", "--seed", "4").status == 0
     found = inercal.calibrate(tmp_path / "measured.toml").calibration
     assert found.provenance[SIMULATED] == "simulation of run.toml, seed 4"
+
+
+def test_no_key_and_no_option_is_on_a_certificate(laboratory: Laboratory):
+    """Neither of the verdict nor of its notes, whose remedies name keys of the run file."""
+    advised = ["gravity is stated without ±; state [bench] gravity", "Use --explain. It drifts."]
+
+    def explained(old: dict[str, Any]) -> dict[str, Any]:
+        steps = {"heading": NEXT_STEPS, "lines": ['Set in the run file: [method] also = ["k2"]']}
+        return old | {"explanation": [{"heading": REMARKS, "lines": advised}, steps]}
+
+    change_calibration(laboratory, verdict=explained)
+    page = "".join(page_texts(laboratory.issue()))
+    assert squeezed("gravity is stated without ±") in squeezed(page)
+    assert squeezed("It drifts.") in squeezed(page)
+    assert not re.search(r"\[(bench|method)\]|--explain", page)

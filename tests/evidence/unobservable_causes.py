@@ -45,8 +45,8 @@ move them. Causes that show before they shift a coefficient by 5 u are in
 What to do is one of three things: state a standard deviation in the run file, which puts the cause
 into U; let the method estimate the coefficient; or, where the run file has no key for it, know that
 the result holds within the limit that the second column gives. Of those without a key the last
-column counts the devices whose verdict names the cause: in the line "these data cannot show the
-following, and U does not hold it …", with the size that shifts a coefficient by 5 u in that run; of
+column counts the devices whose verdict names the cause: in the list "not detectable from
+these data and not included in U", with the size that shifts a coefficient by 5 u in that run; of
 axes and lever arms that norms do not see, in the line "norms … do not tell …".
 {sections}"""
 _ABOUT = {

@@ -91,9 +91,10 @@ def agreement_lines(
     for test in assessment.rejecting_tests:
         if not test.name.startswith("residuals"):
             adjusted = p_value_text(test.adjusted).removeprefix("= ")
+            degrees = f"{test.dof} degree{'s' * (test.dof != 1)} of freedom"
             yield (
                 f"The test “{test.name}” rejects the model: χ² = {test.statistic:.1f} with "
-                f"{test.dof} degrees of freedom, p {p_value_text(test.p_value)} ({adjusted} among "
+                f"{degrees}, p {p_value_text(test.p_value)} ({adjusted} among "
                 f"{len(assessment.tests)} tests)."
             )
 
@@ -121,8 +122,8 @@ def cause_lines(
 
 
 def no_cause(estimate: Estimate, assessment: Assessment) -> bool:
-    """Return whether the residuals are too large, and none of the causes tested explains them."""
-    return assessment.best is None and (
+    """Return whether the residuals are too large, and no single cause explains them."""
+    return assessment.suspect is None and (
         assessment.scores_reject
         or (
             any(score.dof for score in estimate.score_tests.scores)

@@ -81,15 +81,16 @@ def title(calibration: "Calibration") -> str:
 
 
 def to_html(calibration: "Calibration") -> str:
-    """Return the table and the notes as HTML without styles of its own."""
+    """Return the table and the verdict, or else the notes, as HTML without styles of its own."""
     head = "".join(f"<th>{escape(text)}</th>" for text in _HEADINGS)
     rows = "".join(
         "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in line[:5]) + "</tr>"
         for line in coefficient_lines(calibration)
     )
-    notes = "".join(f"<li>{escape(note)}</li>" for note in calibration.notes)
     judged = calibration.verdict
-    verdict = f"<p><strong>{escape(judged.word.capitalize())}</strong></p>" if judged else ""
+    first, *others = judged.lines if judged else ("", *calibration.notes)
+    notes = "".join(f"<li>{escape(note)}</li>" for note in others)
+    verdict = f"<p><strong>{escape(first)}</strong></p>" if first else ""
     return (
         f"<p>{escape(title(calibration))}</p><table><thead><tr>{head}</tr></thead>"
         f"<tbody>{rows}</tbody></table>{verdict}<ul>{notes}</ul>"

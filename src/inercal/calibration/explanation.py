@@ -26,7 +26,7 @@ _PARTS = re.compile(r"(?<=[;.:]) ")
 _LEAST = 20  # characters of a part that stands alone
 
 
-class Section(NamedTuple):
+class ExplanationSection(NamedTuple):
     """A heading with its lines."""
 
     heading: str
@@ -72,10 +72,10 @@ def customer_lines(lines: Iterable[str]) -> tuple[str, ...]:
     return tuple(filter(None, kept))
 
 
-def customer_sections(sections: Sequence[Section]) -> tuple[Section, ...]:
+def customer_sections(sections: Sequence[ExplanationSection]) -> tuple[ExplanationSection, ...]:
     """Return what a customer may read of an explanation: no keys, no options, no next steps."""
     found = (
-        Section(heading, customer_lines(lines))
+        ExplanationSection(heading, customer_lines(lines))
         for heading, lines in sections
         if heading != NEXT_STEPS
     )

@@ -28,6 +28,7 @@ import numpy as np
 from inercal.basics.run_file_advice import Advice
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.additions import Addition
+from inercal.calibration.advising import CHANGE_PREFIX
 from inercal.calibration.best_cause import (
     OutlierRow,
     SuspectedCause,
@@ -35,7 +36,7 @@ from inercal.calibration.best_cause import (
     find_best_cause,
     find_outlier_row,
 )
-from inercal.calibration.explanation import Section, fit
+from inercal.calibration.explanation import ExplanationSection, fit
 from inercal.estimation import Estimate
 from inercal.estimation.scores import (
     SCORE_TEST_SHARE,
@@ -141,7 +142,7 @@ class Verdict:
     lines : tuple of str
         At most six lines of at most 100 characters, except texts to paste: grade and main reason;
         cause; what to do next; largest uncertainties; how many effects are not detectable.
-    explanation : tuple of Section
+    explanation : tuple of ExplanationSection
         All that was found, sorted under headings.
     tests : tuple of HypothesisTest
     suspect : SuspectedCause or None
@@ -166,7 +167,7 @@ class Verdict:
     grade: Grade
     reasons: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
-    explanation: tuple[Section, ...] = ()
+    explanation: tuple[ExplanationSection, ...] = ()
     tests: tuple[HypothesisTest, ...] = ()
     suspect: SuspectedCause | None = None
     best: SuspectedCause | None = None
@@ -309,6 +310,8 @@ def grade_estimate(
 
 def _test_reason(name: str) -> str:
     """Return what it means that a test rejects the model."""
+    if name.startswith(CHANGE_PREFIX):
+        return f"the readings {name}"
     residuals, _, group = name.partition(": ")
     if residuals != "residuals":
         return f"the test “{name}” rejects the model"

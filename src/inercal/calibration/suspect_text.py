@@ -20,6 +20,7 @@ _MIN_PROBABILITY = 1e-99  # smallest printed probability
 _DISPLAY_UNITS = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
 _PERCENT_THRESHOLD = 0.01  # above, a ratio is shown in %
 _MAX_LISTED = 6  # candidates that a line lists
+_LEAST_SHARE = 0.1  # of χ² that a partial cause explains
 _SMALL_CHI2 = 100.0  # below, a decimal is shown
 _PRIOR_PREFIX = "prior of "  # and the coefficient
 
@@ -85,7 +86,10 @@ def _without_deviation(size: str) -> str:
 
 
 def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Parameter]) -> str:
-    """Return the most likely cause with its size in a short line; empty where none is known."""
+    """Return the most likely cause with its size in a short line; empty where none is known.
+
+    One that explains hardly anything of large residuals is none.
+    """
     one = assessment.best
     if one is None:
         return ""
@@ -93,6 +97,8 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
     size = f", {text}" if (text := size_words(one, sensor)) else ""
     if assessment.suspect is not None:
         return first_fit(*(f"Most likely cause: {words}{text}." for text in (size, "")))
+    if one.chi2 < _LEAST_SHARE * (one.chi2 + one.remaining_chi2):
+        return ""
     drop = f"; χ² {_chi2_drop(one)}"
     return first_fit(*(f"Partial cause: {words}{text}." for text in (size + drop, drop, size, "")))
 

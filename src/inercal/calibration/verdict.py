@@ -27,7 +27,7 @@ from inercal.calibration.detectability import (
     undetectable_causes,
     undetectable_exact_parameters,
 )
-from inercal.calibration.explanation import Section, first_fit, fit, fit_list
+from inercal.calibration.explanation import ExplanationSection, first_fit, fit, fit_list
 from inercal.calibration.grade import (
     Assessment,
     Verdict,
@@ -202,7 +202,7 @@ def verdict(
         graded,
         lines=tuple(filter(None, lines)),
         explanation=tuple(
-            Section(heading, tuple(dict.fromkeys(text)))
+            ExplanationSection(heading, tuple(dict.fromkeys(text)))
             for heading, text in sections.items()
             if text
         ),

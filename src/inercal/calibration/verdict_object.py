@@ -10,7 +10,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause
-from inercal.calibration.explanation import NOTES, UNCERTAINTIES, Section, fit
+from inercal.calibration.explanation import NOTES, UNCERTAINTIES, ExplanationSection, fit
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
 from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel
@@ -182,11 +182,11 @@ def recorded_verdict(record: VerdictRecord, notes: tuple[str, ...]) -> Verdict:
     states_best = "best_cause" in record.model_fields_set
     word = GRADE_WORDS[record.grade].capitalize()
     lines = record.lines or [fit(": ".join((word, *record.reasons[:1])))]
-    sections = [Section(one.heading, tuple(one.lines)) for one in record.explanation]
+    sections = [ExplanationSection(one.heading, tuple(one.lines)) for one in record.explanation]
     if not sections:
         largest = tuple(one for one in notes if one.startswith(_LARGEST))
         others = tuple(one for one in notes if one not in largest)
-        sections = [Section(UNCERTAINTIES, largest), Section(NOTES, others)]
+        sections = [ExplanationSection(UNCERTAINTIES, largest), ExplanationSection(NOTES, others)]
     warned = record.warned
     if warned is None:
         warned = [one.removeprefix(_WARNS) for one in record.reasons if one.startswith(_WARNS)]
