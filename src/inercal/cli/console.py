@@ -194,7 +194,6 @@ def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
 def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
     from inercal.calibration.display import coefficient_lines, title
-    from inercal.calibration.specification import conformity_lines
     from inercal.pipeline.truth import true_coefficients
 
     calibration = outcome.calibration
@@ -211,7 +210,7 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     # Whole: of a verdict no other output has the lines.
     print_line(summary, "bold", whole=True)
     print_lines(others, "· ", whole=True)
-    print_lines(conformity_lines(calibration), whole=True)
+    print_lines(calibration.conformity_lines, whole=True)
 
 
 def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:

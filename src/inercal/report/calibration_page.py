@@ -12,7 +12,7 @@ from markupsafe import Markup
 from inercal.basics.keys import CoefficientName
 from inercal.benches.report_data import MeasuredDirection
 from inercal.benches.turntable import is_turntable
-from inercal.calibration.specification import LimitRow, conformity_lines, limit_row
+from inercal.calibration.specification import LimitRow, limit_row
 from inercal.calibration.suspect_text import p_value_text
 from inercal.calibration.verdict import UNDETECTED_END, UNDETECTED_START
 from inercal.methods.observability import NOISE_ONLY_NOTE
@@ -170,7 +170,7 @@ def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | N
         return None
     terms = calibration.sensor.coefficient
     rows = [limit_row(one, terms(one.name)) for one in calibration.conformity.limits]
-    return conformity_lines(calibration)[:1], rows
+    return calibration.conformity_lines[:1], rows
 
 
 def _residual_figure(outcome: Outcome) -> Markup | None:
