@@ -21,9 +21,9 @@ import inercal
 from inercal.calibration.files import calibration_object, canonical_text
 from inercal.fleet import results
 from inercal.fleet.inputs import INSTALLED
+from inercal.fleet.latest import enter_results
 from inercal.fleet.line import Line, SensorRow
 from inercal.fleet.recordings import ABSENT
-from inercal.fleet.registration import enter_results
 from inercal.laboratory.store import Register
 
 ROOT = Path(__file__).parents[1]

@@ -159,7 +159,7 @@ def test_files_of_an_outdated_result_say_so(tmp_path: Path):
 
 
 def test_an_outdated_result_is_not_entered_in_a_register(tmp_path: Path):
-    from inercal.fleet.registration import enter_results
+    from inercal.fleet.latest import enter_results
     from inercal.laboratory.store import Register
 
     folder = make_line(tmp_path / "line", 3)

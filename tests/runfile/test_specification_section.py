@@ -11,7 +11,7 @@ from tests.runfile.run_file_texts import FERRARIS
 
 from inercal.basics.errors import InputError
 from inercal.calibration.files import calibration_object, canonical_text, load, parse, save
-from inercal.calibration.specification import Conformity, conformity_lines
+from inercal.calibration.specification import Conformity
 from inercal.physics.sensors import G0
 from inercal.pipeline import calibrate
 from inercal.report.calibration_page import calibration_page
@@ -145,7 +145,7 @@ def test_conformity_is_in_file_report_and_lines(tmp_path: Path):
     again = load(save(calibration, tmp_path / "a.calibration.json"))
     assert again.conformity == calibration.conformity
     assert calibration_object(again) == calibration_object(calibration)
-    assert len(conformity_lines(calibration)) == 1
+    assert len(calibration.conformity_lines) == 1
     assert calibration_page(outcome, None).count("<td>pass</td>") == 12
     assert calibration.in_frame("triangular").conformity is None
 
@@ -154,8 +154,8 @@ def test_limits_of_a_result_that_is_not_to_be_relied_on_are_in_doubt():
     calibration = calibrate(EXAMPLES / "six_position" / "specification.toml").calibration
     assert calibration.verdict is not None
     doubtful = replace(calibration, verdict=replace(calibration.verdict, grade="unreliable"))
-    assert "in doubt" in conformity_lines(doubtful)[0]
-    assert "in doubt" not in conformity_lines(calibration)[0]
+    assert "in doubt" in doubtful.conformity_lines[0]
+    assert "in doubt" not in calibration.conformity_lines[0]
 
 
 def test_a_file_whose_conformity_contradicts_its_rule_is_refused(tmp_path: Path):

@@ -174,6 +174,13 @@ class Calibration:
             )
         return self.sensor.coefficients.index(name)
 
+    @property
+    def conformity_lines(self) -> list[str]:
+        """Lines on the limits of the specification; none without."""
+        from inercal.calibration.specification import conformity_lines
+
+        return conformity_lines(self.conformity, self.sensor, self.verdict)
+
     def correct(
         self,
         recording: Recording | Array,
@@ -244,7 +251,7 @@ class Calibration:
                 "dT has temperatures that are not finite; remove those samples first", key="dT"
             )
         if self.sensor.uses("dT", "dTdt") and given:
-            require_usable(self, dT, extrapolate=extrapolate)
+            require_usable(self.sensor, self.validity, dT, extrapolate=extrapolate)
         turning = self.sensor.uses("ai", "ap", "ao") and dw is None
         if turning and not isinstance(recording, Recording):
             raise InputError(

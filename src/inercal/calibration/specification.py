@@ -8,13 +8,14 @@ all do with 79 % where they are independent.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.documents import record_object
 from inercal.basics.units import format_value_and_uncertainty
+from inercal.calibration.grade import Verdict
 from inercal.calibration.next_use import NextUseScatter
 from inercal.estimation.uncertainty.conformity import (
     RESULTS,
@@ -26,11 +27,8 @@ from inercal.estimation.uncertainty.conformity import (
     judge,
 )
 from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
-
-if TYPE_CHECKING:
-    from inercal.calibration import Calibration
-
 
 UncertaintyName = Literal["session", "next_use"]
 
@@ -159,9 +157,10 @@ def limit_text(lower: float, upper: float, term: ErrorTerm) -> str:
     return f"± {high} {term.unit}" if lower == -upper else f"{low} to {high} {term.unit}"
 
 
-def conformity_lines(calibration: "Calibration") -> list[str]:
+def conformity_lines(
+    conformity: Conformity | None, sensor: Sensor, verdict: Verdict | None
+) -> list[str]:
     """Return a line for all limits together, and one for each that is not passed; none without."""
-    conformity = calibration.conformity
     if conformity is None:
         return []
     rule, count = conformity.rule, len(conformity.limits)
@@ -172,11 +171,11 @@ def conformity_lines(calibration: "Calibration") -> list[str]:
         f"specification: {conformity.result}; {passed} of {count} limits passed ({band}{which}); "
         f"all conform with {probability_text(conformity.probability)}"
     ]
-    if calibration.verdict is not None and calibration.verdict.grade == "unreliable":
+    if verdict is not None and verdict.grade == "unreliable":
         lines[0] += "; U is in doubt, for the result is not to be relied on"
     for one in sorted(conformity.limits, key=lambda one: -RESULTS.index(one.result)):
         if one.result != "pass":
-            row = limit_row(one, calibration.sensor.coefficient(one.name))
+            row = limit_row(one, sensor.coefficient(one.name))
             lines.append(
                 f"{row.name}: {row.result}: {row.value} ± {row.expanded} {row.unit}, limit "
                 f"{row.limit}, conforms with {row.probability}"

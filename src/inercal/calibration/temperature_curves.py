@@ -50,7 +50,7 @@ def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[Tempera
     InputError
         A temperature beyond those of the calibration's data by more than a kelvin.
     """
-    require_inside(calibration, kelvin, "give a temperature within")
+    require_inside(calibration.sensor, calibration.validity, kelvin, "give a temperature within")
     sensor = calibration.sensor
     dT = kelvin - sensor.reference_temperature
     found: list[TemperatureCurve] = []

@@ -13,7 +13,6 @@ from inercal.calibration.comparison.comparison_text import (
 )
 from inercal.calibration.comparison.run_to_run import RunToRun
 from inercal.calibration.display import coefficient_lines
-from inercal.calibration.specification import conformity_lines
 from inercal.cli.console import axis_of, print_line, print_lines, print_table
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.sensors import SI_UNITS
@@ -24,7 +23,7 @@ def print_calibration_table(calibration: Calibration) -> None:
     heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit")
     rows = (line[:5] for line in coefficient_lines(calibration))
     print_table(heads, rows, section=axis_of)
-    print_lines(conformity_lines(calibration))
+    print_lines(calibration.conformity_lines)
 
 
 def print_comparison(

@@ -195,7 +195,6 @@ def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
 def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
     from inercal.calibration.display import coefficient_lines, title
-    from inercal.calibration.specification import conformity_lines
     from inercal.pipeline.truth import true_coefficients
 
     calibration = outcome.calibration
@@ -207,7 +206,7 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     error = (">error / u",) if truth else ()
     heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit", *error)
     print_table(heads, rows, title=title(calibration), section=axis_of)
-    print_lines(conformity_lines(calibration), whole=True)
+    print_lines(calibration.conformity_lines, whole=True)
 
 
 def print_verdict(verdict: "Verdict", *, explain: bool = False) -> None:

@@ -97,7 +97,7 @@ def calibrate(
     without = counts.failed + counts.lost + counts.kept_failed
     content: dict[str, Any] = {**vars(counts), "results": str(folder)}
     if register is not None:
-        from inercal.fleet.registration import enter_results
+        from inercal.fleet.latest import enter_results
 
         with (
             open_register(register) as opened,

@@ -68,7 +68,12 @@ def calibrated_ranges(
                 )
             known[name] = stated
     if temperature is not None:
-        require_inside(calibration, np.array(temperature), "give a temperature within")
+        require_inside(
+            calibration.sensor,
+            calibration.validity,
+            np.array(temperature),
+            "give a temperature within",
+        )
     kinds = {axis.measures for axis in calibration.sensor.axes}
     # Of gyros the range of specific force is not assumed: on a rate table they sense gravity.
     assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]

@@ -5,17 +5,23 @@ calibration over a failure, then the latest generation. A result that may differ
 now is marked with the reason.
 """
 
+import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from inercal.calibration.files import parse
 from inercal.calibration.outdated import OUTDATED
 from inercal.fleet.inputs import COMPARED, SensorInputs, line_inputs, result_difference
 from inercal.fleet.line import Line
 from inercal.fleet.results import DONE, Table, part_paths, read_part, schema
 
+if TYPE_CHECKING:  # only what enters results needs a register
+    from inercal.laboratory.store import Register
+
+_ENTERED = ("status", "calibration", "measured")
 _COUNTED_BY = ("id", "status", "generation", *COMPARED)
 _NAMES = 3  # of outdated sensors that are listed
 
@@ -125,3 +131,45 @@ def _counting_rows(
     for _, part, row, reason in sorted(best.values(), key=lambda one: one[1:3]):
         counting[part][row] = reason
     return counting
+
+
+def enter_results(
+    line: Line, folder: Path, register: "Register", progress: Callable[[int], None] | None = None
+) -> int:
+    """Enter the calibrations of a fleet that the register lacks; return how many it has now.
+
+    Each part is one transaction and the only one in memory. Outdated results are not entered.
+
+    Parameters
+    ----------
+    line : Line
+    folder : Path
+        Of the parts.
+    register : Register
+    progress : callable, optional
+        Called with the number of calibrations in the register.
+
+    Raises
+    ------
+    InputError
+        The register cannot be written. What was entered stays and is not entered again.
+    """
+    done = 0
+    for rows in latest_rows_by_part(line, folder, _ENTERED):
+        found = [row for row in rows if row["status"] == DONE and not row[OUTDATED]]
+        _enter_part(found, register, str(folder))
+        done += len(found)
+        if progress is not None:
+            progress(done)
+    return done
+
+
+def _enter_part(rows: Sequence[Mapping[str, Any]], register: "Register", source: str) -> None:
+    hashes = [json.loads(row["calibration"])["sha256"] for row in rows]
+    known = register.entered_sha256(hashes)
+    by_time: dict[str | None, list[str]] = {}
+    for row, digest in zip(rows, hashes, strict=True):
+        if digest not in known:
+            by_time.setdefault(row["measured"] or None, []).append(row["calibration"])
+    for measured, texts in by_time.items():
+        register.enter_calibrations([parse(text, source) for text in texts], measured)

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 from inercal.basics.errors import InputError
 from inercal.basics.parallel import SerialExecutor, TimeExceeded, TolerantExecutor, WorkerLost
 from inercal.calibration.files import parse
-from inercal.calibration.specification import conformity_lines
 from inercal.fleet import results
 from inercal.fleet.batch import Work, failed_row, result_row
 from inercal.fleet.inputs import COMPARED, sensor_inputs
@@ -163,7 +162,7 @@ def calibrate_arrival(
     if found["status"] != results.DONE:
         return StationResult(row.id, False, found["error"])
     reason = found["verdict"].partition("\n")[0]
-    limits = conformity_lines(parse(found["calibration"], str(path)))
+    limits = parse(found["calibration"], str(path)).conformity_lines
     if limits:
         reason = f"{limits[min(1, len(limits) - 1)]}; {reason}"
     accepted = found["conformity"] in (None, "pass")

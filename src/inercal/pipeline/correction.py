@@ -149,7 +149,9 @@ def apply(
     _require_same_corrections(calibration, recording, run)
     outside = np.zeros(0, dtype=np.bool_)
     if recording.temperature is not None:
-        outside = temperatures_outside(calibration, recording.temperature)
+        outside = temperatures_outside(
+            calibration.sensor, calibration.validity, recording.temperature
+        )
     warmer = _temperatures_beyond(calibration, recording, outside)
     if warmer and not extrapolate:
         raise InputError(

@@ -5,11 +5,14 @@ Figures are SVG inside the page, whose colours follow the reader's light or dark
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import require_extra, require_installed
+from inercal.basics.units import format_value_and_uncertainty
+from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
 from inercal.pipeline.budget import Budget
@@ -299,10 +302,28 @@ def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
         jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.worksheet_page import worksheet_page
-    return write_text(path, worksheet_page(sheet, table))
+        from inercal.report.templates import render
+    known = [
+        (one.name, one.meaning, format_value_and_uncertainty(0.0, COVERAGE * one.std / one.size)[1],
+         one.unit)
+        for one in (*sheet.expected, *sheet.together)
+    ]  # fmt: skip
+    page = render(
+        "worksheet.html",
+        run=sheet.run,
+        sheet=sheet.sheet,
+        columns=[(k, one) for k, one in enumerate(sheet.sheet.headings) if one.on_page],
+        table=table,
+        known=known,
+        together=sheet.together,
+        alone=len(sheet.expected),
+        groups=[(name, list(rows)) for name, rows in groupby(sheet.sheet.rows, lambda r: r.group)],
+        most=_MOST_SHEET_ROWS,
+    )
+    return write_text(path, page)
 
 
+_MOST_SHEET_ROWS = 24  # of a group that one sheet of paper holds
 _EXTRA = ("report", "reports need matplotlib and jinja2", ("matplotlib", "jinja2", "markupsafe"))
 
 

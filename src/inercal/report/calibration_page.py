@@ -17,7 +17,7 @@ from inercal.calibration.explanation import (
     customer_sections,
     without_operator_words,
 )
-from inercal.calibration.specification import LimitRow, conformity_lines, limit_row
+from inercal.calibration.specification import LimitRow, limit_row
 from inercal.calibration.suspect_text import p_value_text
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.physics.plan import Hold, Rotation, Spin, Step, Turn
@@ -153,7 +153,7 @@ def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | N
         return None
     terms = calibration.sensor.coefficient
     rows = [limit_row(one, terms(one.name)) for one in calibration.conformity.limits]
-    return conformity_lines(calibration)[:1], rows
+    return calibration.conformity_lines[:1], rows
 
 
 def _residual_figure(outcome: Outcome) -> Markup | None:

@@ -12,7 +12,13 @@ from threading import Thread
 from typing import Any
 
 from inercal.basics.errors import InercalError, InputError, require_installed
-from inercal.basics.parallel import Settled, Task, TimeExceeded, TolerantExecutor, WorkerLost
+from inercal.basics.parallel.executor import (
+    Settled,
+    Task,
+    TimeExceeded,
+    TolerantExecutor,
+    WorkerLost,
+)
 from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
 
 _LOGGERS = ("distributed", "distributed.client", "distributed.utils", "distributed.core")

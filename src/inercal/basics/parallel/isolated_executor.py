@@ -10,7 +10,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 
-from inercal.basics.parallel import Settled, Task, TimeExceeded, TolerantExecutor, WorkerLost
+from inercal.basics.parallel.executor import (
+    Settled,
+    Task,
+    TimeExceeded,
+    TolerantExecutor,
+    WorkerLost,
+)
 from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
 from inercal.basics.parallel.worker_process import WorkerContext, WorkerProcess
 

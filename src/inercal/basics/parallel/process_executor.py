@@ -17,7 +17,7 @@ from threading import Semaphore
 from time import perf_counter
 from typing import Any, Self
 
-from inercal.basics.parallel import Executor, Settled, Task, WorkerLost
+from inercal.basics.parallel.executor import Executor, Settled, Task, WorkerLost
 from inercal.basics.parallel.worker_process import WorkerContext
 
 # A process imports for about 1 s until it computes. Two processes halve the time of the tasks: for

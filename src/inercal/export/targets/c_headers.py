@@ -37,6 +37,8 @@ class _Language:
     self_test: Sequence[str]
     call: str
     guard: str
+    begin: Sequence[str] = ()
+    end: Sequence[str] = ()
     remarks: Sequence[str] = ()
 
 
@@ -77,6 +79,8 @@ _CPP = _Language(
     ("template <typename Real>", "inline int self_test()"),
     "correct<Real>(reading{argument}, motion)",
     "HPP",
+    ("namespace {name} {{", ""),
+    ("", "}}  // namespace {name}"),
     ("errors are of Real = double; float adds rounding of 1e-6 of the largest result",),
 )
 
@@ -99,6 +103,7 @@ def _render(language: _Language, request: Request) -> Rendering:
     }
     call = language.call.format(**words)
     lines = [
+        *(line.format(**words) for line in language.begin),
         f"/* motion: {motion_comment(code)}. */",
         *(line.format(**words) for line in language.correction),
         "{",
@@ -108,10 +113,8 @@ def _render(language: _Language, request: Request) -> Rendering:
         "/* Returns 0 where the check above is reproduced to 1e-5. */",
         *(line.format(**words) for line in language.self_test),
         *check_lines(real, constants, call, _BEYOND_TOLERANCE, len(code.offset)),
+        *(line.format(**words) for line in language.end),
     ]
-    if language is _CPP:
-        space = request.name
-        lines = [f"namespace {space} {{", "", *lines, "", f"}}  // namespace {space}"]
     guard = f"INERCAL_{request.name.upper()}_{language.guard}"
     return code_rendering(
         code,
