@@ -35,12 +35,13 @@ class Addition:
 
 
 def additions_text(additions: Sequence[Addition]) -> str:
-    """Return what was added, in which order, and what it explained: "g (χ² from 4 884 to 567)"."""
+    """Return what was added, in which order, and what it explained: "g (χ² dropped from 4 884 to 567)"."""
     parts = (
-        f"{one.group} (χ² from {_grouped(one.chi2_before)} to {_grouped(one.chi2_after)})"
+        f"{one.group} (χ² dropped from {_grouped(one.chi2_before)} to {_grouped(one.chi2_after)})"
         for one in additions
     )
-    return f"added to the model because the tests found it: {', then '.join(parts)}"
+    order = ", in this order" * (len(additions) > 1)
+    return f"added automatically{order}: {', '.join(parts)}"
 
 
 def doubtful_additions(additions: Sequence[Addition]) -> tuple[Finding, ...]:
@@ -50,7 +51,7 @@ def doubtful_additions(additions: Sequence[Addition]) -> tuple[Finding, ...]:
             "warning",
             "also",
             f"{one.group} was added, but {' or '.join(one.indistinguishable)} would explain the "
-            "residuals as well; find out which it is, and state it in the run file",
+            "residuals as well; find out which one it is, and state it in the run file",
         )
         for one in additions
         if one.indistinguishable
