@@ -35,7 +35,7 @@ class Addition:
 
 
 def additions_text(additions: Sequence[Addition]) -> str:
-    """Return what was added, in which order, and what it explained: "g (χ² dropped from 4 884 to 567)"."""
+    """Return what was added, in which order, and by how much χ² dropped."""
     parts = (
         f"{one.group} (χ² dropped from {_grouped(one.chi2_before)} to {_grouped(one.chi2_after)})"
         for one in additions

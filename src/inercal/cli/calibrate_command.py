@@ -35,7 +35,9 @@ def run(
         None, help="Register to enter the calibration in: an address, or default."
     ),
     auto: bool = typer.Option(
-        False, "--auto", help='Add the coefficients that the tests ask for: [method] also = "auto".'
+        False,
+        "--auto",
+        help='Add the coefficients that the tests ask for: \\[method] also = "auto".',
     ),
     strict: Strict = False,
     json: Json = False,
