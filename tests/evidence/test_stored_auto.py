@@ -61,7 +61,8 @@ def test_what_is_clear_is_added_and_nothing_else(row: auto.Row):
         assert one.truth > one.devices / 2
         return
     assert one.devices - one.truth <= most(one.devices, 0.05)
-    assert 0.9 - chance(one) < one.mean_nees < 1.2 + chance(one)
+    if one.truth == one.devices:  # a device without the addition has the errors of the violation
+        assert 0.9 - chance(one) < one.mean_nees < 1.2 + chance(one)
 
 
 @pytest.mark.parametrize("row", TRUE, ids=lambda row: f"{row.case} {row.violation} {row.eta:.0f}")
