@@ -101,6 +101,28 @@ def test_xsens_result_asks_for_the_sensitivity_to_acceleration(xsens: Outcome):
     assert any('also = ["g"]' in line for line in xsens.verdict.lines)
 
 
+def test_xsens_adds_the_sensitivity_to_acceleration_by_itself(xsens: Outcome, folder: Path):
+    found, stated = (calibrate(folder / "xsens.toml", also=also) for also in ("auto", ["g"]))
+    (added,) = found.additions
+    assert (added.group, len(added.coefficients)) == ("g", 9)
+    assert added.chi2_before == pytest.approx(4884, abs=1)
+    assert added.chi2_after == pytest.approx(589, abs=1)
+    assert added.chi2_before == xsens.estimate.score_tests.chi2
+    np.testing.assert_array_equal(found.calibration.values, stated.calibration.values)
+    np.testing.assert_array_equal(found.calibration.covariance, stated.calibration.covariance)
+
+
+def test_mpu9150_shows_no_sensitivity_to_acceleration_and_adds_none(folder: Path):
+    found, stated = (calibrate(folder / "mpu9150.toml", also=also) for also in ("auto", ["g"]))
+    assert found.additions == ()
+    assert found.verdict.grade == "reservations"
+    chi2 = [one.estimate.score_tests.chi2 for one in (found, stated)]
+    assert chi2[0] - chi2[1] < 9  # for nine coefficients
+    for name in found.calibration.sensor.coefficients:
+        off = found.calibration.value(name) - stated.calibration.value(name)
+        assert abs(off) < min(one.calibration.uncertainty(name) for one in (found, stated)) / 2
+
+
 def test_mpu9150_accelerometers_agree_with_the_published(folder: Path):
     outcome = calibrate(folder / "mpu9150.toml")
     scales = np.diag(upper(forward(outcome, "a"))) / 415

@@ -43,7 +43,7 @@ def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
         (("calibrate",), "Missing argument 'run_file'."),
         (
             ("calibrate", "run.toml", "--outt", "x"),
-            "No such option: --outt (Possible options: --out)",
+            "No such option: --outt (Possible options: --auto, --out)",
         ),
         (("demo", "--seed", "many"), "Invalid value for '--seed': "),
         (("bench", "resume", "folder", "--patience"), "Option '--patience' requires an argument."),

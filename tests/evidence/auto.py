@@ -48,6 +48,8 @@ ESTIMABLE = {
 }
 """Coefficients that a method of the cases can estimate, and does not by default."""
 QUICK = ("multi_position", "centrifuge_norm", "rates_and_poses")
+# Violations of the cases whose quantities are no coefficients of the result.
+_OTHER_UNKNOWNS = ("third-order nonlinearity of the gyros", "non-orthogonality")
 SWEPT = ("multi_position",)  # also where the tests do not always notice a violation
 
 
@@ -168,27 +170,31 @@ def base_rows() -> Iterator[Row]:
             yield Row(name, "", 0.0, 0.0, 90.0, seed, BASE_DEVICES)
 
 
-def estimable_rows() -> Iterator[Row]:
-    """Yield the violations that a method can estimate, at η = 8 and where rivals are told apart.
+def rows_of(case: str, word: str) -> Iterator[Row]:
+    """Yield a violation that a method can estimate, at η = 8 and where rivals are told apart.
 
     Of two causes at an angle θ, χ² differs by η² sin²θ with a standard deviation of 2 η sin θ.
     """
-    for name, words in ESTIMABLE.items():
+    seen = _left(case, word)
+    rivals = [_space(case, other) for other in ESTIMABLE[case] if other != word]
+    apart = min((angle_to_space(seen, one) for one in rivals), default=90.0)
+    told = 2 * DISTANCE / math.sin(math.radians(apart))
+    for eta in (*(WEAK if case in SWEPT else ()), ETA, *((told,) if told > ETA else ())):
+        yield Row(case, word, eta / seen.eta, eta, apart, 1, DEVICES)
+
+
+def estimable_rows() -> Iterator[Row]:
+    """Yield the rows of all violations that a method can estimate."""
+    for case, words in ESTIMABLE.items():
         for word in words:
-            seen = _left(name, word)
-            rivals = [_space(name, other) for other in words if other != word]
-            apart = min((angle_to_space(seen, one) for one in rivals), default=90.0)
-            told = 2 * DISTANCE / math.sin(math.radians(apart))
-            etas = [*(WEAK if name in SWEPT else ()), ETA, *((told,) if told > ETA else ())]
-            for eta in etas:
-                yield Row(name, word, eta / seen.eta, eta, apart, 1, DEVICES)
+            yield from rows_of(case, word)
 
 
 def other_rows() -> Iterator[Row]:
     """Yield the other violations of the cases, of all axes alike, at η = 8."""
     for name in QUICK:
         for violation, (_, seen) in visibilities(name).items():
-            if math.isfinite(seen.at_six):
+            if math.isfinite(seen.at_six) and violation not in _OTHER_UNKNOWNS:
                 yield Row(name, violation, seen.at_six * ETA / 6, ETA, 90.0, 1, OTHER_DEVICES)
 
 
@@ -196,6 +202,8 @@ def tally_of(row: Row, devices: range) -> Tally:
     """Return what was added to some devices of a row."""
     whole, change = Tally(), row.change
     words = {row.violation, *change}
+    if row.violation and not row.is_estimable:
+        words |= set(visibilities(row.case)[row.violation][0].suspects)
     for k in devices:
         found = calibrate_files(*row.device(k), also="auto")
         if found.grade == "refused":
@@ -254,7 +262,11 @@ whitened residual that it leaves, computed apart from inercal. The angle is that
 other coefficient of this table. At a small angle either of the two explains the residuals better by
 chance: "named beside" are devices to which another one was added and the verdict warns that the
 true one would explain the residuals as well. A further row then has the η at which the two can be
-told apart. At η = 4 and 6 the tests do not always notice the violation.
+told apart. At η = 4 and 6 the tests do not always notice the violation. Of the filters of
+turntable_kalman χ² drops by some units less than promised, because they begin with an expected size
+of k2: near η = 8 some additions are not made. Nor is one made where a coefficient that the method
+cannot estimate leads, as koq may do in place of k3. A device without the addition has the errors
+of a calibration with the violation, so that a few of them raise the mean NEES.
 
 | method | violation | angle | η | devices | added, % | named beside, % | something else, % | NEES |
 |---|---|--:|--:|--:|--:|--:|--:|--:|
@@ -263,11 +275,12 @@ told apart. At η = 4 and 6 the tests do not always notice the violation.
 ## Other causes
 
 Violations of the bench and of the sensor that the method cannot estimate, or that all axes have
-alike, as an error of the bench has: η = 8. Where the cause is no coefficient, what was added is
-wrong: it resembles the cause.
+alike, as an error of the bench has: η = 8. Where the cause is no coefficient of the method, what
+was added is wrong: it resembles the cause. The verdict then warns, and names the true cause beside
+it. A large NEES without an addition is that of any calibration with this violation.
 
-| method | violation | devices | something was added, % | NEES |
-|---|---|--:|--:|--:|
+| method | violation | devices | something was added, % | named beside, % | NEES |
+|---|---|--:|--:|--:|--:|
 {others}
 """
 
@@ -289,7 +302,9 @@ def page(tallies: Tallies, run: dict[str, str]) -> str:
             )
         else:
             some = 100 * (one.truth + one.other) / max(one.devices, 1)
-            lines["others"].append(f"{begin}{one.devices} | {some:.0f} | {one.mean_nees:.1f} |")
+            lines["others"].append(
+                f"{begin}{one.devices} | {some:.0f} | {share[1]:.0f} | {one.mean_nees:.1f} |"
+            )
     lines["base"] = [
         f"| {name} | {one.devices} | {one.other} | {chance_limit(one.devices)} | "
         f"{one.mean_nees:.3f} |"

@@ -53,7 +53,7 @@ def doubtful_additions(additions: Sequence[Addition]) -> tuple[Finding, ...]:
             "warning",
             "also",
             f"{one.group} was added, but {' or '.join(one.indistinguishable)} would explain the "
-            "residuals as well; find out which it is, and state it in the run file",
+            "residuals as well; find out which one it is, and state it in the run file",
         )
         for one in additions
         if one.indistinguishable

@@ -36,7 +36,9 @@ def run(
         None, help="Register to enter the calibration in: an address, or default."
     ),
     auto: bool = typer.Option(
-        False, "--auto", help='Add the coefficients that the tests ask for: [method] also = "auto".'
+        False,
+        "--auto",
+        help='Add the coefficients that the tests ask for: \\[method] also = "auto".',
     ),
     explain: Explain = False,
     strict: Strict = False,

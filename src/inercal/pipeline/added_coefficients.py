@@ -10,7 +10,8 @@ At most `MOST_ADDITIONS` groups are added, and at most half of the degrees of fr
 Coefficients of temperature are left to [method] temperature_order.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,22 +58,47 @@ def _larger_fit(fitted: FittedRun, advisor: RunAdvisor) -> tuple[FittedRun, Addi
     terms = [coefficient_definition(sensor, one) for one in cause.components]
     if any(term.basis.uses("dT", "dTdt") for term in terms):
         return None
-    advice = advisor.on_cause(cause)
-    if {(one.section, one.key) for one in advice.changes} != {("method", "also")}:
-        return None
-    larger = advisor.followed(advice)
-    if not _is_significant(cause, fitted, larger):
-        return None
-    before, after = estimate.score_tests, larger.estimate.score_tests
-    return larger, Addition(
-        cause.name,
-        cause.components,
-        before.chi2,
-        before.dof,
-        after.chi2,
-        after.dof,
-        cause.indistinguishable,
-    )
+    for group in _groups(cause, fitted, possible):
+        advice = advisor.on_cause(group)
+        if {(one.section, one.key) for one in advice.changes} != {("method", "also")}:
+            continue
+        larger = advisor.followed(advice)
+        if _is_significant(group, fitted, larger):
+            before, after = estimate.score_tests, larger.estimate.score_tests
+            return larger, Addition(
+                group.name,
+                group.components,
+                before.chi2,
+                before.dof,
+                after.chi2,
+                after.dof,
+                cause.indistinguishable,
+            )
+    return None
+
+
+def _groups(
+    cause: SuspectedCause, fitted: FittedRun, possible: Sequence[str]
+) -> Iterator[SuspectedCause]:
+    """Yield a cause together with the like coefficients of other axes, and by itself.
+
+    That the tests find one axis does not make the others zero, and left out they would bias the
+    result by more than its U.
+    """
+    tests = fitted.estimate.score_tests
+    for score in tests.scores:
+        whole = score.kind == "coefficient" and score.dof == len(score.components)
+        names = set(score.components)
+        if whole and set(cause.components) < names <= set(possible):
+            yield replace(
+                cause,
+                name=score.name,
+                components=score.components,
+                chi2=score.chi2,
+                dof=score.dof,
+                remaining_chi2=max(tests.chi2 - score.chi2, 0.0),
+            )
+    yield cause
 
 
 def _is_significant(cause: SuspectedCause, fitted: FittedRun, larger: FittedRun) -> bool:

@@ -140,6 +140,12 @@ def calibrate_batch(
     keys = {"kind": "means", **data_keys}
     sections = {"method": method, "sensor": sensor, "bench": bench or {}}
     with stated_run(first, sections, keys) as run:
+        if run.adds_coefficients:
+            raise InputError(
+                '[method] also: "auto" may add other coefficients to each sensor, and a batch has '
+                "those of one list; state them",
+                key="[method] also",
+            )
         return _calibrate_all(run, columns, counts.pop())
 
 

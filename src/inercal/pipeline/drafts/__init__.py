@@ -38,6 +38,7 @@ from inercal.pipeline.drafts.draft_sections import (
     unused_columns,
 )
 from inercal.pipeline.drafts.method_trials import (
+    AUTO,
     Candidate,
     MethodTrial,
     candidate_methods,
@@ -53,6 +54,7 @@ from inercal.pipeline.drafts.stated_keys import (
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.read import detect_reader, read_table
 
+_AUTO_REASON = 'adds the coefficients that the tests ask for; a list, such as ["g"], fixes them'
 _WORST = "unreliable"
 _MOST_TEXTS = 4  # columns
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
@@ -198,7 +200,10 @@ def draft_run_file(
         reason = "not tried yet: inercal init with the answers tries all of the above"
     defaults = default_bench_keys(as_sections(entries), found.method.name)
     keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
-    keys += [DraftKey("method", key, value) for key, value in found.method.keys.items()]
+    keys += [
+        DraftKey("method", key, value, _AUTO_REASON if {key: value} == AUTO else "")
+        for key, value in found.method.keys.items()
+    ]
     return replace(found, entries=(*entries, *keys))
 
 

@@ -19,6 +19,10 @@ Candidate = tuple[str, str, dict[str, Any]]
 """Kind of bench, name of a method, and further keys of [method]."""
 
 
+AUTO = {"also": "auto"}
+"""Key of a method that can estimate more than it does by default."""
+
+
 class MethodTrial(NamedTuple):
     """A method tried on the data.
 
@@ -63,11 +67,11 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
     triad = len(roles.triads.get("accelerometer", ()))
     gyros = "gyro" in roles.triads
     if roles.table:
-        return (("turntable", "turntable_kalman", {}),)
+        return (("turntable", "turntable_kalman", AUTO),)
     if "mounting" in roles.single and "arm_rate" in roles.single:
         return (("rate_table", "ship_multi_angle", {}), ("rate_table", "ship_planar", {}))
     if "arm_rate" in roles.single and triad == 3:
-        return (("centrifuge", "centrifuge_norm", {}),)
+        return (("centrifuge", "centrifuge_norm", AUTO),)
     if "angle" in roles.single and triad:
         names = ("dual_orthogonal", "tumble") if triad == 2 else ("tumble",)
         return tuple(("dividing_head", name, {}) for name in names)
@@ -80,7 +84,7 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
     turns = (360, -360)
     ferraris: list[Candidate] = [("hand", "ferraris", {"turn": f"{angle} °"}) for angle in turns]
     ferraris = ferraris if gyros else []
-    free: list[Candidate] = [("hand", "multi_position", {})]
+    free: list[Candidate] = [("hand", "multi_position", AUTO)]
     six: list[Candidate] = [("hand", "six_position", {})]
     return tuple(ferraris + six + free if "label" in roles.single else free + ferraris + six)
 
