@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from tests.calibration.short_lines import require_short
 from tests.evidence.visibility_model import Files
 
 from inercal.basics.errors import InercalError
@@ -93,6 +94,7 @@ def calibrate_files(
             # A refusal may name the keys that are wrong: "[bench] latitude".
             named = tuple(name.rpartition("] ")[2] for name in error.names)
             return GradedCalibration("refused", named, named, math.nan, words)
+    require_short(outcome.verdict)
     first, group = suspect_names(outcome)
     found = outcome.calibration
     std = dict(zip(found.sensor.coefficients, found.std.tolist(), strict=True))

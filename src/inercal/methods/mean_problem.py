@@ -157,7 +157,7 @@ def joint(
     noisy = tuple(name for name, one in declared.items() if one.scope == "dwell" and one.sd > 0)
     if noisy:
         raise InputError(
-            f"estimator joint does not model a [bench] {noisy[0]} that differs from dwell to "
+            f"estimator joint does not model that [bench] {noisy[0]} differs from dwell to "
             "dwell; set it to 0, or use another estimator",
             key=f"[bench] {noisy[0]}",
             names=noisy,
