@@ -12,7 +12,7 @@ for target, options in (("c", {}), ("px4", {"acc_id": 1310988})):
     made = inercal.export_calibration(calibration, target, options=options, name="imu")
     Path(f"imu{made.target.suffix}").write_text(made.text, encoding="utf-8")
     for one in made.losses:
-        print(f"{target} does not hold {one.word}: {one.effect_text}")
+        print(f"{target} does not hold {one.word}: {one.effect_text()}")
     print(f"{target}: error at most {made.costs[0].largest:.2g} m/s²")
 
 # PX4's own calibration of the same board, by six positions in the hand.

@@ -303,7 +303,7 @@ def test_kalibr_and_openvins_hold_the_matrices_beside_their_biases(to: str, term
     bias = [calibration.value(name) for name in names]
     found = LINEAR_TARGETS[to](text, seen._replace(output=seen.output - bias))
     error = np.abs(found - seen.corrected)
-    what = "the same with the biases below subtracted"
+    what = "the same after subtracting the biases below"
     for k, kind in enumerate(("specific force", "angular rate")):
         mine, limit = error[:, 3 * k : 3 * k + 3].max(), stated(text, kind, what)
         if terms == "linear":

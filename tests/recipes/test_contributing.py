@@ -38,10 +38,10 @@ VERBS = [one.name for one in iter_modules(inercal.cli.__path__) if one.name.ends
 def test_a_coefficient_is_one_line_of_the_table(monkeypatch: pytest.MonkeyPatch):
     size = 1e-6 * G0 / G0**4
     added = ErrorTerm(
-        "k4", "K₄", "µg/g⁴", size, Basis("fi fi fi fi"), "fourth-order nonlinearity", "nonlinearity"
+        "k9", "K₉", "µg/g⁴", size, Basis("fi fi fi fi"), "fourth-order nonlinearity", "nonlinearity"
     )
     monkeypatch.setitem(TABLES, "f", (*TABLES["f"], added))
-    sensor = triad().with_coefficients("k0", "k4")
+    sensor = triad().with_coefficients("k0", "k9")
     c = np.array([0.0, 50 * size] * 3)
     f = Motion(np.array([[G0, 0.5 * G0, -2 * G0]]))
     reading = sensor.forward(f, c)

@@ -43,7 +43,7 @@ _COMPONENTS = {
     "dT": "ΔT",
     "dTdt": "dT/dt",
 }  # fmt: skip
-_POWERS = {1: "", 2: "²", 3: "³"}
+_SUPERSCRIPTS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹", "1")
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,7 @@ def _term_text(basis: Basis) -> str:
     for product in basis.products:
         words: list[str] = []
         for name in dict.fromkeys(product.components):
-            words.append(_COMPONENTS[name] + _POWERS[product.components.count(name)])
+            words.append(_COMPONENTS[name] + str(product.components.count(name)).translate(_SUPERSCRIPTS))
         size = abs(product.factor)
         factor = [] if size == 1 and words else [f"{size:g}"]
         text = " · ".join(factor + words)
