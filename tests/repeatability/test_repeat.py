@@ -167,7 +167,7 @@ def test_poor_sessions_do_not_spoil_good_ones(good: int, seed: int):
     counts = found.fit.alone.counts_in_next_use
     assert np.all(found.next_use.expanded[~counts] < 2.5 * best[~counts])
     assert counts.sum() <= 7  # of 12 at 20 %
-    named = [line for line in found.findings if "one's own scatter" in line]
+    named = [line for line in found.findings if "own scatter" in line]
     own = np.diag(found.scatter)[counts]
     assert bool(named) or not np.any(own > 1.01 * found.fit.variances.variance.max())
 
@@ -181,7 +181,7 @@ def test_one_good_session_says_that_its_scatter_is_not_seen():
 def test_own_scatter_is_named_where_it_is_added():
     for seed in range(10):
         found = repeat(drawn_sessions(5, seed), mount_owner="sensor")
-        line = next((x for x in found.findings if "one's own scatter" in x), "")
+        line = next((x for x in found.findings if "own scatter" in x), "")
         pooled = {
             place: one.sd for one in found.components for place in one.effect.places
             if one.effect.level != "mount"

@@ -129,7 +129,7 @@ def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path):
 
 def test_the_goal_is_the_stated_one(tmp_path: Path):
     outcome = estimate_with_search(tmp_path, "global", 'goal = "0.01 %"')
-    assert "the goal of 0.01 % is not met" in " ".join(outcome.verdict)
+    assert "goal of 0.01 %" in " ".join(outcome.verdict.statements)
     assert outcome.search is not None
     assert outcome.search.goal_generation is None
 
@@ -179,8 +179,8 @@ def test_a_stated_frame_takes_the_place_of_what_norms_leave_free(tmp_path: Path)
         estimate_with_search(tmp_path, name, "", SYMMETRIC) for name in ("damped", "global")
     ]
     for outcome in outcomes:
-        said = " ".join(outcome.verdict)
-        assert "the stated frame three" in said
+        said = " ".join(outcome.verdict.statements)
+        assert "the stated frame determines three" in said
         assert "rotation of the triad" not in said
         assert outcome.calibration.frame == "symmetric"
         write_report(outcome, tmp_path / "ship.html")

@@ -133,7 +133,7 @@ def test_states_that_are_too_short_are_named_in_the_verdict(tmp_path: Path):
     (finding,) = outcome.findings
     assert finding.message.startswith("9 states left out: XY at 46 rpm, YX at 46 rpm, ")
     assert finding.message.endswith("; 3 are needed)")
-    assert finding.message in outcome.verdict
+    assert finding.message in outcome.verdict.statements
 
 
 def test_a_wrong_rate_unit_of_a_recording_is_detected_by_the_norms(tmp_path: Path):
