@@ -113,7 +113,7 @@ def test_a_lag_that_the_data_do_not_determine_is_refused_by_name(name: str):
         fitted(BAD[name], (1, 0))
     assert refusal.value.names == ("lag",)
     assert refusal.value.directions == ("lag",)
-    assert ("one exponential" in str(refusal.value)) == (name == "first 300 s lost")
+    assert ("single exponential" in str(refusal.value)) == (name == "first 300 s lost")
 
 
 @pytest.mark.slow

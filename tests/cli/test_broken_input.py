@@ -78,7 +78,7 @@ def marks(**sections: tuple[int, int]) -> dict[str, str]:
 FROM_FILE = ('time = "time"\n', 'time = "time"\nmarks = "marks.json"\n')
 JUNK = np.random.default_rng(1).integers(0, 256, 100_000, dtype=np.uint8).tobytes()
 INPUTS = {
-    "no recording": Broken(("log.csv", "No such file"), lambda _: None),
+    "no recording": Broken(("log.csv", "no such file"), lambda _: None),
     "empty": Broken(("log.csv is empty",), lambda _: b""),
     "only a header": Broken(("log.csv", "no data"), lambda _: HEADER.encode() + b"\n"),
     "truncated row": Broken(("log.csv line 1701", "truncated"), lambda c: c[:-30]),

@@ -101,7 +101,7 @@ def test_the_line_is_that_of_numpy_and_its_uncertainty_that_of_noise():
 def test_the_line_says_that_the_bench_is_taken_as_exact_and_tests_the_readings():
     made = devices(MID, "T", READ, LINEAR, 1, np.random.default_rng(2))
     found, sensor = lined(made)
-    assert any("taken as exact" in note for note in found.notes)
+    assert any("bench as exact" in note for note in found.notes)
     ml = METHODS["rates_and_poses"].estimator("ml")
     whole = ml(seen(made, 0), sensor, bench(READ), steps_of(made.rows))
     at = [found.names.index(f"g{a}.scale") for a in "xyz"]

@@ -157,7 +157,7 @@ def test_only_a_search_has_its_history_drawn(tmp_path: Path):
         assert ("goal 5 %" in text) == (estimator == "global")
         assert "Each dot is the norm of the specific force on the bench" in text
         assert "degrees of freedom" in text
-        assert "not determined by these data" in text
+        assert "cannot be determined from these data" in text
         assert "rates of the table" in text
 
 

@@ -99,7 +99,7 @@ def test_steps_are_found_with_their_labels(tmp_path: Path, nominal_outcome: Outc
     page = tmp_path / "page.html"
     write_report(outcome, page, run.truth)
     text = page.read_text(encoding="utf-8")
-    for words in ('id="course"', "NIS a component", "angle by readback"):
+    for words in ('id="course"', "NIS per component", "angle by readback"):
         assert words in text
     assert len(text) < 600_000
 

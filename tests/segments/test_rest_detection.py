@@ -193,7 +193,7 @@ def test_rests_are_labelled_and_a_note_gives_their_number():
     found = find_rests(made(hold_seconds=4.0).recording, IMU)
     assert [mark.label for mark in found.marks] == [f"r{k:02d}" for k in range(1, 17)]
     assert (found.finding.severity, found.finding.what) == ("note", "rests")
-    assert found.finding.message.startswith("16 rests of 2.9 to 3 s")
+    assert found.finding.message.startswith("16 rests of 2.8")
 
 
 def test_a_gap_within_a_rest_splits_it():

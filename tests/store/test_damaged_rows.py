@@ -105,4 +105,3 @@ def test_a_note_that_nobody_reads_is_cut(sound: Path, tmp_path: Path):
     assert code == 0
     assert len(output) < 100_000
     assert note[:2000] not in output
-    assert "--json" in output

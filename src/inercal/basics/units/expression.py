@@ -14,11 +14,13 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units.definitions import UNITS, canonical_name, known_names, size_and_dimension
+
+if TYPE_CHECKING:  # the help of the verbs formats counts, and starts without NumPy
+    from inercal.basics.arrays import Array
 
 _KINDS = {
     "1": "a plain number",
@@ -96,7 +98,7 @@ def si_factor(unit: str, like: str | None = None) -> float:
     return read.size
 
 
-def to_si(values: Array, unit: str, like: str) -> Array:
+def to_si(values: "Array", unit: str, like: str) -> "Array":
     """Return `values`, any shape, in SI from `unit`; "°C" becomes K with its offset.
 
     Raises

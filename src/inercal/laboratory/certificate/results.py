@@ -256,7 +256,9 @@ def _term_text(basis: Basis) -> str:
     for product in basis.products:
         words: list[str] = []
         for name in dict.fromkeys(product.components):
-            words.append(_COMPONENTS[name] + str(product.components.count(name)).translate(_SUPERSCRIPTS))
+            words.append(
+                _COMPONENTS[name] + str(product.components.count(name)).translate(_SUPERSCRIPTS)
+            )
         size = abs(product.factor)
         factor = [] if size == 1 and words else [f"{size:g}"]
         text = " · ".join(factor + words)
