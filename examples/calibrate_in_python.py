@@ -9,7 +9,6 @@ from inercal.basics.units import format_quantity
 
 run_file = Path(__file__).parent / "six_position" / "run.toml"
 outcome = inercal.calibrate(run_file)
-print(outcome.verdict.word)
 for line in outcome.verdict.lines:
     print(line)
 

@@ -224,7 +224,7 @@ class Case:
         shift = np.abs(back @ taken) / sd
         # A violation of a coefficient that is estimated is none: it moves what is to be found.
         own = [k for k, n in enumerate(names) if self.unknowns[n].role == "coefficient"]
-        worst = max(own, key=lambda k: shift[k])
+        worst = max(own, key=lambda k: float(f"{shift[k]:.9g}"))  # of equal ones the first
         most = float(shift[worst])
         plain = self._whitened(self.readings({}))
 
