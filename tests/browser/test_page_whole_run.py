@@ -15,7 +15,7 @@ from inercal.calibration.files import load
 
 STARTING, RUNNING = 300_000.0, 180_000.0  # ms; what a run needs is compiled once on a machine
 NAME = "ax.k0"
-VALUE = re.compile(r"([-−+]?[\d.]+) ± ([\d.]+)")
+VALUE = re.compile(r"([-−+]?[\d.]+) ±\s([\d.]+)")
 
 
 def shown(page: Page, name: str) -> tuple[float, float]:

@@ -206,7 +206,7 @@ def test_a_ratio_of_the_root_of_two_names_the_other_kind(tmp_path: Path, white: 
     done = run_program("noise", log, *options, "--json", "--terms", "N")
     assert done.status == 0, done.error
     remarks = json.loads(done.output)["data_sheet"]["remarks"]
-    assert sum("check white_kind" in one for one in remarks) == 1
+    assert sum("times the data sheet's" in one for one in remarks) == 1
 
 
 def test_a_page_shows_the_data_sheet_and_the_register_keeps_the_sensor_s_name(tmp_path: Path):
