@@ -76,7 +76,7 @@ def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     size = made.sensor.coefficient(NAME).si
     assert last == pytest.approx(made.value(NAME) / size, abs=u2 / 10)
 
-    tab_to(page, "Open the report")
+    tab_to(page, report.inner_text())
     with context.expect_page() as opened:
         page.keyboard.press("Enter")
     read = opened.value
