@@ -18,7 +18,7 @@ in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import pi, sqrt
 
 import numpy as np
@@ -119,6 +119,10 @@ class Hand:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
+        return self._parameters
+
+    @cached_property
+    def _parameters(self) -> tuple[Parameter, ...]:
         # Each component of a vector of known length and unknown direction is 1/√3 of it, rms.
         up, level = 0.0, EARTH_RATE / sqrt(3)
         up_sd, assumed = EARTH_RATE / sqrt(3), ""
