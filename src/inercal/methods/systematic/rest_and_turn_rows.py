@@ -40,7 +40,6 @@ from inercal.physics.motion import Motion
 
 _UP = np.array([0.0, 0.0, 1.0])
 _ROWS = 6  # of each rest and of each turn
-_LEVEL_STEP = 1e-6  # rad, of the derivative by latitude
 
 
 @dataclass(frozen=True, eq=False)
