@@ -50,7 +50,7 @@ def test_a_table_states_days_and_leaves_the_rest_to_each_session(folder: Path):
     ("lines", "words"),
     [
         (("name,day", "0.calibration.json,1"), "no column 'file'"),
-        (("file,week", "0.calibration.json,1"), "column 'week' is not known"),
+        (("file,week", "0.calibration.json,1"), "'week'"),
         (("file,day", "0.calibration.json,1,2"), "line 2 has 3 cells"),
         (("file,day", "0.calibration.json,"), "column day is empty"),
         (("file", "absent.json"), "absent.json"),

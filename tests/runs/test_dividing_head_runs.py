@@ -517,7 +517,7 @@ def test_a_row_that_stands_alone_is_named(tmp_path: Path, slip: str):
     table.write(tmp_path)
     column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
     notes = calibrate(run_file(tmp_path, column)).calibration.notes
-    (line, *more) = [line for line in notes if "are one position" in line]
+    (line, *more) = [line for line in notes if "are the same position" in line]
     first = "210° forward" if slip == "a digit" else "180° forward"
     assert line.startswith(first)
     assert not more

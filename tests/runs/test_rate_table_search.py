@@ -140,7 +140,7 @@ def test_progress_is_reported_after_each_generation_and_stored(tmp_path: Path):
     assert outcome.search == SearchHistory(GOAL, tuple(seen))
     assert [g.number for g in seen] == list(range(1, len(seen) + 1))
     assert generation_text(Generation(12, 1.234e-5, 0.0123)) == (
-        "generation 12, sum of squares 1.23e-05 g⁴, largest error of a norm 1.2 %"
+        "generation 12, sum of squares 1.23e-05 g⁴, largest norm error 1.2 %"
     )
     assert estimate_with_search(tmp_path, "damped").search is None
 

@@ -88,7 +88,7 @@ class Registry(Mapping[str, T]):
         """Register an object temporarily, as a package would."""
         if name in self:
             raise InputError(
-                f"there is a {self.what} {name!r} already; choose another name", names=(name,)
+                f"a {self.what} {name!r} already exists; choose another name", names=(name,)
             )
         self._added[name] = one
         try:
@@ -105,7 +105,7 @@ class Registry(Mapping[str, T]):
                 taken = "inercal" if other is None else _distribution_name(other)
                 raise InputError(
                     f"packages {_distribution_name(point)} and {taken} both have a {self.what} "
-                    f"{point.name!r}; rename it or uninstall one of the two",
+                    f"{point.name!r}; rename it, or uninstall one of them",
                     names=(point.name,),
                 )
             points[point.name] = point

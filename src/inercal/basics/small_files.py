@@ -104,7 +104,9 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
         line = int(place[1]) if place else None
         # The words of tomllib for a key that is stated twice.
         reason = str(error).replace("Cannot overwrite a value", "a key is stated twice")
-        raise InputError(f"not a TOML {what}: {_other_content(raw) or reason}", line=line) from None
+        raise InputError(
+            f"not a TOML {what}: {_other_content(raw, what) or reason}", line=line
+        ) from None
     except RecursionError:
         raise InputError(_too_deep(what)) from None
     level: list[Any] = [content]
@@ -117,7 +119,7 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
     raise InputError(_too_deep(what))
 
 
-def _other_content(raw: bytes | str) -> str:
+def _other_content(raw: bytes | str, what: str) -> str:
     """Return what a file without TOML seems to be and what to do; empty where nothing shows."""
     head = raw[:1000] if isinstance(raw, str) else raw[:1000].decode("utf-8-sig", "replace")
     lines = (line.strip() for line in head.splitlines())
@@ -125,7 +127,8 @@ def _other_content(raw: bytes | str) -> str:
     if line.startswith("{"):
         return "it is JSON, as a calibration file is; give the .toml file of the run"
     if "=" not in line and not line.startswith("[") and re.search("[,;\t]", line):
-        return "it looks like a recording; draft its run file by `inercal init`"
+        advice = "; draft its run file with `inercal init`" * (what == "run file")
+        return f"it looks like a table of data{advice}"
     return ""
 
 
@@ -247,7 +250,8 @@ def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> No
     for one in needed:
         if one not in names:
             raise InputError(
-                f"{path}: no column {one!r}; its columns are {', '.join(names) or 'none'}"
+                f"{path}: no column {one!r}; {'its columns are ' * any(names)}"
+                f"{', '.join(names) or 'the file is empty'}"
                 f"{'; save it with commas between' * (len(names) == 1 and ';' in names[0])}",
                 file=path,
                 names=(one,),

@@ -74,9 +74,7 @@ def main() -> None:
         status = _run()
     if (error := streams.output_error()) is not None:
         files = f"; wrote {', '.join(map(str, written))}" if written else ""
-        print(
-            f"inercal: standard output cannot be written: {error.strerror}{files}", file=sys.stderr
-        )
+        print(f"inercal: cannot write to standard output: {error.strerror}{files}", file=sys.stderr)
         status = status or 2
     sys.exit(status)
 

@@ -23,7 +23,7 @@ def run(
     extrapolate: bool = typer.Option(
         False,
         "--extrapolate",
-        help="Correct samples beyond the temperatures of the calibration too, and mark them.",
+        help="Also correct samples outside the calibration's temperature range, and mark them.",
     ),
     force: Force = False,
     json: Json = False,
@@ -68,7 +68,7 @@ def run(
     else:
         units = ", ".join(dict.fromkeys(corrected.units))
         across = sum(name.startswith("f") for name in corrected.channels) in (1, 2)
-        alone = "; specific force across these axes was taken as zero" * across
+        alone = "; the specific force across these axes was assumed to be zero" * across
         print(f"wrote {out}: {corrected.time.size} samples in {units}{alone}")
 
 
@@ -88,8 +88,8 @@ def _of_another_kind(calibration_file: Path, run_file: Path) -> "InputError | No
             text = "a calibration file (*.calibration.json), which inercal calibrate writes"
         else:
             text = (
-                "a run file (.toml), whose [data] names the recording and its columns: the one of "
-                f"the calibration with [data] file changed, or of inercal init {path}"
+                "a run file (.toml), whose [data] names the recording and its columns: change "
+                f"[data] file in the calibration's, or use inercal init {path}"
             )
-        return InputError(f"{path}: give here {text}; {usage}", file=path)
+        return InputError(f"{path}: this must be {text}; {usage}", file=path)
     return None

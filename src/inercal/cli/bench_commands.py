@@ -35,28 +35,28 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Drive a table, read an IMU, calibrate live.", no_args_is_help=True)
 
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
-_Clock = Annotated[str, typer.Option(help="Clock of a simulated bench, as `simulate` prints it.")]
+_Clock = Annotated[str, typer.Option(help="Clock of a simulated bench, from `simulate`.")]
 _Speed = Annotated[
     float | None,
-    typer.Option(help="Most simulated seconds per second, on a simulated bench."),
+    typer.Option(help="Limit of the simulated seconds per second."),
 ]
-_Patience = Annotated[float, typer.Option(help="Seconds without IMU data before the run ends.")]
+_Patience = Annotated[
+    float, typer.Option(help="End the run after this many seconds without IMU data.")
+]
 _Temperature = Annotated[
     str, typer.Option(help="Permitted range of the IMU's temperature, °C, such as 15:40.")
 ]
-_Operator = Annotated[
-    str, typer.Option(help="Who confirms mountings; by default the name of the user.")
-]
+_Operator = Annotated[str, typer.Option(help="Who confirms mountings; by default your user name.")]
 _Answers = Annotated[
     Path | None,
     typer.Option(
-        help="File that confirms the mountings, a line 'mounted NAME' or 'mounted NAME OPERATOR' "
-        "each; needed on real hardware without a terminal."
+        help="File that confirms the mountings, with one line 'mounted NAME' or 'mounted NAME "
+        "OPERATOR' for each; needed on real hardware without a terminal."
     ),
 ]
 _Register = Annotated[
     str | None,
-    typer.Option(help="Register to enter the run in: an address, or default."),
+    typer.Option(help="Enter the run in this register: an address, or default."),
 ]
 _TABLE_HELP = (
     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
@@ -71,7 +71,9 @@ def run(
     imu: Annotated[str, typer.Option(help=f"Address of the IMU: {_IMU_HELP}")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="New folder of the run; by default named by the time."),
+        typer.Option(
+            "--out", "-o", help="New folder for the run, by default named after the time."
+        ),
     ] = None,
     clock: _Clock = "",
     speed: _Speed = None,
@@ -181,9 +183,9 @@ def _require_operator(run: "Run", answers: Path | None, *, simulated: bool) -> N
         read_answers(answers)
     elif host_plan(run).spins and not simulated and not sys.stdin.isatty():
         raise InputError(
-            "the plan asks for mountings, and standard input is no terminal at which an operator "
-            "confirms them: run it in a terminal or by inercal bench serve, or state who has "
-            "mounted the sensor by --answers FILE",
+            "an operator must confirm the mountings of this plan, but standard input is not a "
+            "terminal: run it in a terminal or with inercal bench serve, or give the "
+            "confirmations in a file with --answers FILE",
             key="--answers",
         )
 
@@ -210,7 +212,7 @@ def _carry_out_plan(
     from inercal.host.precompilation import precompile_run
     from inercal.host.run_execution import RunInterrupted, execute_run
 
-    with progress_status("compiling, once on each machine"):
+    with progress_status("compiling (only once on each machine)"):
         precompile_run(folder.run, layout_of_address(journal.header().imu))
     try:
         typed = TypedConfirmation()
@@ -229,7 +231,7 @@ def _carry_out_plan(
         _enter_run(register_sync)
         report_line(f"interrupted: {error}")
         if error.can_be_resumed:
-            print(f"continue by: inercal bench resume {folder.path}", file=sys.stderr)
+            print(f"to continue: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(130) from None
     return run.recorder.live_estimator
 
@@ -238,18 +240,18 @@ def _carry_out_plan(
 def simulate(
     run_file: _RunFile,
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the noise and of the bench's errors.")
+        int, typer.Option(min=0, help="Seed for the noise and the bench's errors.")
     ] = 0,
     preset: Annotated[str, typer.Option(help="Preset of the IMU's packets.")] = "fixed",
     rate: Annotated[
-        float | None, typer.Option(help="Packets per second; by default the run file's rate.")
+        float | None, typer.Option(help="Packets per second; by default the rate in the run file.")
     ] = None,
     pace: Annotated[
         str,
-        typer.Option(help="Simulated seconds per second, or granted: as fast as the host permits."),
+        typer.Option(help="Simulated seconds per second; granted: as fast as the host permits."),
     ] = "granted",
     tcp: Annotated[
-        bool, typer.Option("--tcp", help="Put the IMU on TCP instead of a terminal.")
+        bool, typer.Option("--tcp", help="Connect the IMU by TCP instead of a pseudo-terminal.")
     ] = False,
 ) -> None:
     """Simulate the bench of a run file, until Ctrl-C: the table, and an IMU on a terminal.
@@ -283,25 +285,25 @@ def simulate(
 
 @app.command()
 def serve(
-    plans: Annotated[Path, typer.Option(help="Folder of run files to choose from.")] = Path(),
-    runs: Annotated[Path, typer.Option(help="Folder for the folders of the runs.")] = Path("runs"),
+    plans: Annotated[Path, typer.Option(help="Folder with the run files to offer.")] = Path(),
+    runs: Annotated[Path, typer.Option(help="Where each run gets a folder.")] = Path("runs"),
     register: Annotated[
         str | None, typer.Option(help="The register: a path, sqlite:///… or postgresql://…")
     ] = None,
-    table: Annotated[str, typer.Option(help="Address of a table to offer, as of `run`.")] = "",
-    imu: Annotated[str, typer.Option(help="Address of an IMU to offer, as of `run`.")] = "",
+    table: Annotated[str, typer.Option(help="Address of a table to offer; see `run --help`.")] = "",
+    imu: Annotated[str, typer.Option(help="Address of an IMU to offer; see `run --help`.")] = "",
     clock: _Clock = "",
     speed: _Speed = None,
     patience: _Patience = 120.0,
     temperature: _Temperature = "",
     host: Annotated[
-        str, typer.Option(help="Address to listen at; any but 127.0.0.1 needs a token.")
+        str, typer.Option(help="Address to listen on; any other than 127.0.0.1 needs a token.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen at; 0 is any free port.")] = 8765,
+    port: Annotated[int, typer.Option(help="Port to listen on; 0 takes any free port.")] = 8765,
     token: Annotated[
         str | None,
         typer.Option(
-            envvar="INERCAL_TOKEN", help="Token that a browser must show; created if needed."
+            envvar="INERCAL_TOKEN", help="Token that a browser must present; created if needed."
         ),
     ] = None,
 ) -> None:
@@ -324,7 +326,7 @@ def devices(
     table: Annotated[str, typer.Option(help=f"Query a table: {_TABLE_HELP}")] = "",
     imu: Annotated[
         str,
-        typer.Option(help="Listen to an IMU for a second; without preset= every preset is tried."),
+        typer.Option(help="Listen to an IMU for one second; without preset=, try every preset."),
     ] = "",
     run_file: Annotated[
         Path | None,
@@ -337,7 +339,7 @@ def devices(
     from inercal.host.devices import imu_lines, port_lines, table_lines
 
     if run_file is not None and not table:
-        raise InputError("--run names the axes of a table: add --table, or remove it", key="--run")
+        raise InputError("--run works only with --table: add --table, or remove --run", key="--run")
     content: dict[str, object] = {}
     lines: list[str] = []
     if not (table or imu):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _POLL_INTERVAL = 0.2  # s
 _COLOURS = {"info": "default", "warning": "yellow", "alarm": "bold red"}
-KEY_HELP, STOP_HELP = "p pause · g go on · Ctrl-C stop", "Ctrl-C stop"
+KEY_HELP, STOP_HELP = "p pause · g continue · Ctrl-C stop", "Ctrl-C stop"
 
 
 @contextmanager
@@ -86,7 +86,7 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> "Render
     tally = run.recorder.assembly.tally
     counts = tally.bytes
     imu = (
-        f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} with a wrong check, "
+        f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} checksum errors, "
         f"{counts.discarded} bytes discarded; {tally.samples} samples with an angle, "
         f"{tally.samples_without_angle} without"
     )
@@ -125,8 +125,8 @@ def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
     result: list[RenderableType] = []
     if (at := run.recorder.navigation) is not None:
         result.append(Text(
-            f"attitude: roll {at.roll:.3f} °, pitch {at.pitch:.3f} °, heading {at.heading:.3f} °; "
-            "error against the table "
+            f"attitude: roll {at.roll:.3f} °, pitch {at.pitch:.3f} °, heading {at.heading:.3f}"
+            " °; error relative to the table "
             + " ".join(f"{x:+.1f} ″" for x in at.rotation_error)
             + "; velocity " + " ".join(f"{v:+.3f}" for v in at.velocity) + " m/s"
         ))  # fmt: skip

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 def run(
-    run_file: Path = typer.Argument(help="The run file (TOML); its data are not read."),
-    trials: int = typer.Option(1000, help="Monte Carlo trials of each imperfection."),
-    seed: int = typer.Option(0, help="Seed of the trials."),
+    run_file: Path = typer.Argument(help="The run file (TOML); its recording is not read."),
+    trials: int = typer.Option(1000, help="Monte Carlo trials for each imperfection."),
+    seed: int = typer.Option(0, help="Seed for the trials."),
     workers: Workers = None,
     scheduler: Scheduler = None,
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
@@ -50,8 +50,8 @@ def run(
     check_outputs({page: PAGE, table: BUDGET}, plan.input_files())
     if plan.search is not None:
         raise InputError(
-            f"{run_file}: a budget repeats the search of estimator {plan.estimator} for hours; "
-            "use estimator damped, which solves the same norms, or joint",
+            f"{run_file}: a budget would repeat the search of estimator {plan.estimator} for "
+            "hours; use estimator damped, which solves the same equations, or joint",
             file=run_file,
             key="[method] estimator",
         )
@@ -61,7 +61,7 @@ def run(
             experiment_from_run(plan),
             trials,
             seed,
-            lambda done, all_: update(f"{done} of {all_} trials of each imperfection"),
+            lambda done, all_: update(f"{done} of {all_} trials for each imperfection"),
             executor,
         )
         method = {"method": plan.method.name, "estimator": plan.estimator}

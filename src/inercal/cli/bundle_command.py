@@ -13,10 +13,10 @@ from inercal.cli.outputs import BUNDLE, check_outputs
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML) of the calibration."),
     calibration: Path | None = typer.Option(
-        None, help="Its calibration file (default: that of its name here)."
+        None, help="Its calibration file (default: the one of the same name in the current folder)."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The bundle to write, .zip (default: the run file's name here)."
+        None, "--out", "-o", help="The bundle to write (default: the run file's name with .zip)."
     ),
     force: Force = False,
     json: Json = False,

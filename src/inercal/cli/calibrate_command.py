@@ -26,19 +26,17 @@ from inercal.cli.outputs import CALIBRATION, PAGE, check_outputs, require_same_r
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML): sensor, bench, data, method."),
     out: Path = typer.Option(
-        Path(), "--out", "-o", help="Folder to write to; it is made where there is none."
+        Path(), "--out", "-o", help="Folder to write to; it is created if needed."
     ),
     force: bool = typer.Option(
-        False, "--force", help="Replace the calibration of another run file too."
+        False, "--force", help="Also replace the calibration of another run file."
     ),
     with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
     register: str | None = typer.Option(
-        None, help="Register to enter the calibration in: an address, or default."
+        None, help="Enter the calibration in this register: an address, or default."
     ),
     auto: bool = typer.Option(
-        False,
-        "--auto",
-        help='Add the coefficients that the tests ask for: \\[method] also = "auto".',
+        False, "--auto", help='Add the coefficients that the tests find: \\[method] also = "auto".'
     ),
     explain: Explain = False,
     strict: Strict = False,

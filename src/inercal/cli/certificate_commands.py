@@ -44,9 +44,10 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-_Out = Annotated[Path, typer.Option("--out", "-o", help="The folder for the files.")]
+_Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the files.")]
 _Schema = Annotated[
-    Path | None, typer.Option("--schema", help="dcc.xsd, to validate the DCC; not in the package.")
+    Path | None,
+    typer.Option("--schema", help="The schema dcc.xsd, to validate the DCC."),
 ]
 
 
@@ -60,9 +61,10 @@ def issue(
     as_found: Annotated[
         Path | None, typer.Option(help="The calibration file before adjustment.")
     ] = None,
-    language: Annotated[_Language, typer.Option(help="en, de or zh.")] = _Language.en,
+    language: Annotated[_Language, typer.Option(help="Language: en, de or zh.")] = _Language.en,
     issued: Annotated[
-        str | None, typer.Option("--date", help="Date of issue, such as 2026-11-26; else today.")
+        str | None,
+        typer.Option("--date", help="Date of issue, such as 2026-11-26; else today."),
     ] = None,
     amends: Annotated[
         str | None, typer.Option(help="Number of the certificate that this one amends.")
@@ -74,20 +76,20 @@ def issue(
         str | None, typer.Option(help="Why an earlier certificate is changed.")
     ] = None,
     font: Annotated[
-        Path | None, typer.Option(help="A font file, for characters that others lack.")
+        Path | None, typer.Option(help="A font file, for characters that the built-in fonts lack.")
     ] = None,
     sign: Annotated[
         Path | None,
-        typer.Option(help=f"PKCS#12 file of the key; passphrase: ${PASSPHRASE}."),
+        typer.Option(help=f"PKCS#12 file of the key; set ${PASSPHRASE} to its passphrase."),
     ] = None,
     schema: _Schema = None,
     draft: Annotated[
-        bool, typer.Option("--draft", help="A marked draft without a number, not registered.")
+        bool, typer.Option("--draft", help="Write a draft, without number and registration.")
     ] = False,
     out: _Out = Path(),
     force: Force = False,
     by: Annotated[
-        str | None, typer.Option(help="Who issues it; by default the user's name.")
+        str | None, typer.Option(help="Who issues it; by default your user name.")
     ] = None,
     register: RegisterOption = None,
     json: Json = False,
@@ -111,7 +113,7 @@ def issue(
         raise _option_error("--replaces", "give --amends or --replaces, not both")
     if bool(amends or replaces) != bool(reason):
         raise _option_error(
-            "--reason", "--amends and --replaces go with --reason, and it with them"
+            "--reason", "--reason must be given together with --amends or --replaces"
         )
     key = None if sign is None else read_signing_key(sign, _passphrase(sign))
     change = "amended" if amends else "substituted" if replaces else ""
@@ -128,7 +130,7 @@ def issue(
     )
     if draft:
         if options.change:
-            raise _option_error("--draft", "a draft changes no certificate; remove --draft")
+            raise _option_error("--draft", "a draft cannot change a certificate; remove --draft")
         files, number, address = make_files(given, "", options), "", None
         written = _write(files, out, f"{file.name.partition('.')[0]}.draft", force)
     else:
@@ -147,7 +149,7 @@ def issue(
 def verify(
     file: Annotated[Path, typer.Argument(help="A certificate: the PDF or the DCC.")],
     trust: Annotated[
-        Path | None, typer.Option(help="PEM file of the certificates to trust.")
+        Path | None, typer.Option(help="PEM file with the certificates to trust.")
     ] = None,
     schema: _Schema = None,
     register: RegisterOption = None,
@@ -190,7 +192,7 @@ def verify(
 
 @app.command("copy")
 def copy_(
-    number: Annotated[str, typer.Argument(help="The number of a certificate.")],
+    number: Annotated[str, typer.Argument(help="Number of a certificate.")],
     out: _Out = Path(),
     force: Force = False,
     register: RegisterOption = None,
@@ -233,7 +235,7 @@ def _passphrase(path: Path) -> str:
     if known is not None:
         return known
     if not sys.stdin.isatty():
-        raise _option_error("--sign", f"state the passphrase of {path} in ${PASSPHRASE}")
+        raise _option_error("--sign", f"set ${PASSPHRASE} to the passphrase of {path}")
     return str(typer.prompt(f"passphrase of {path}", hide_input=True, err=True))
 
 
@@ -266,7 +268,7 @@ def _write(
     except InercalError as error:
         if number:
             raise error.located(
-                f"certificate {number} was issued, get its files by `inercal certificate copy "
+                f"certificate {number} was issued; get its files with `inercal certificate copy "
                 f"{number}`"
             ) from None
         raise

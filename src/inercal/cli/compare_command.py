@@ -11,13 +11,13 @@ from inercal.cli.options import Json
 REPEATABILITY = typer.Option(
     None,
     "--repeatability",
-    help="A result of inercal repeat: is a difference within the ordinary scatter of runs?",
+    help="A result of inercal repeat: is the difference within the usual run-to-run scatter?",
 )
 
 
 def run(
     first: Path = typer.Argument(help="A calibration file."),
-    second: Path = typer.Argument(help="The later one, of the same sensor."),
+    second: Path = typer.Argument(help="A later calibration file of the same sensor."),
     repeatability: Path | None = REPEATABILITY,
     json: Json = False,
 ) -> None:

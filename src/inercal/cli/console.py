@@ -77,8 +77,8 @@ def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
 def generation_text(generation: "Generation") -> str:
     """Return the progress of a search in one line."""
     return (
-        f"generation {generation.number}, sum of squares {generation.cost:.3g} g⁴, largest error "
-        f"of a norm {100 * generation.worst:.2g} %"
+        f"generation {generation.number}, sum of squares {generation.cost:.3g} g⁴, largest norm "
+        f"error {100 * generation.worst:.2g} %"
     )
 
 

@@ -35,33 +35,33 @@ class Lasting(StrEnum):
 def run(
     files: list[Path] | None = typer.Argument(
         None,
-        help="Calibration files of the check standard, in the order of time.",
+        help="Calibration files of the check standard, in chronological order.",
         metavar="FILE…",
     ),
     table: Sessions = None,
     sensor: Sensor = None,
     bench: str | None = typer.Option(
         None,
-        help="A bench of the register, by its name or kind: chart what its own runs show of it.",
+        help="A bench in the register, by its name or kind: chart what its own runs tell about it.",
     ),
     register: RegisterOption = None,
     same: SameOption = None,
-    reference: int = typer.Option(20, help="How many days are the reference."),
+    reference: int = typer.Option(20, help="Number of days that form the reference."),
     run_length: float = typer.Option(
-        370.0, help="Days between false signals of all charts together."
+        370.0, help="Mean number of days between false alarms, over all charts."
     ),
     restart: list[str] | None = typer.Option(
         None,
-        help="Day of a repair, such as 2026-03-01: EWMA and MEWMA begin anew after it.",
+        help="Day of a repair, such as 2026-03-01: EWMA and MEWMA restart after it.",
     ),
     since: str | None = typer.Option(
         None, help="First day of a new reference; earlier sessions are left out."
     ),
     lasting: Lasting = typer.Option(
-        Lasting.EWMA, help="Chart of small lasting changes of one value."
+        Lasting.EWMA, help="Chart for small lasting changes of one value."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="Folder for the result and the page of the charts."
+        None, "--out", "-o", help="Folder for the result and the page with the charts."
     ),
     force: Force = False,
     json: Json = False,
@@ -79,7 +79,7 @@ def run(
         require_single_source(files, table, sensor, bench)
         if same:
             raise InputError(
-                "--same: runs of a bench are charted by their days; remove it", key="--same"
+                "--same: bench runs are always charted by day; remove it", key="--same"
             )
         _chart_bench(bench, register, begin, options, out, force=force, json=json)
         return
@@ -92,8 +92,8 @@ def run(
     undated = [one.session.label for one in given if not one.measured]
     if undated:
         raise InputError(
-            f"{undated[0]}: states no time of measurement; give the days by --table, or enter it "
-            "into the register"
+            f"{undated[0]}: does not state when it was measured; give the days with --table, or "
+            "enter the file into the register"
         )
     charted = [CheckedSession(*one) for one in given if one.measured >= begin]
     if not charted:

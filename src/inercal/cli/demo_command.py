@@ -20,7 +20,7 @@ def run(
     out: Path = typer.Option(
         Path("inercal-demo"), "--out", "-o", help="Folder for the files of the run."
     ),
-    seed: int = typer.Option(0, min=0, help="Seed of the simulation."),
+    seed: int = typer.Option(0, min=0, help="Seed for the simulation."),
     quick: bool = typer.Option(False, "--quick", help="Run for 5 simulated minutes instead of 24."),
     json: Json = False,
 ) -> None:
@@ -45,6 +45,6 @@ def run(
     print_coefficients(shown.outcome, shown.truth)
     print_line(shown.outcome.verdict.lines[0], "bold")
     print(f"{shown.seconds / 60:.1f} minutes simulated in {shown.seconds / shown.speed:.0f} s")
-    print(f"normalised error squared against the truth: {shown.nees:.2f} (1 is expected)")
+    print(f"normalised squared error relative to the truth: {shown.nees:.2f} (1 is expected)")
     print_written_files(shown.files.values())
     exit_with_verdict(shown.outcome)

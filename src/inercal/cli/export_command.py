@@ -28,12 +28,12 @@ SET = typer.Option(
 AXES = typer.Option(
     "x y z",
     "--axes",
-    help="The target's x, y, z along the body's: 'x -y -z' from front-left-up to front-right-down.",
+    help="Body axes of the target's x, y, z: 'x -y -z' turns front-left-up into front-right-down.",
 )
 LOSSLESS = typer.Option(
     False,
     "--lossless",
-    help="Refuse an export whose error exceeds U of the calibration, or is unknown.",
+    help="Refuse the export if its error is unknown or exceeds the calibration's U.",
 )
 REFIT = typer.Option(
     False,
@@ -41,12 +41,10 @@ REFIT = typer.Option(
     help="Fit the linear terms over the range, for a target without nonlinear terms.",
 )
 FORCE_RANGE = typer.Option(
-    None, "--over-force", help="Range per axis, '-2 2 g' (default: that of the data)."
+    None, "--over-force", help="Range of each accelerometer, '-2 2 g' (default: that of the data)."
 )
-RATE_RANGE = typer.Option(None, "--over-rate", help="Range per axis, '-200 200 deg/s'.")
-TEMPERATURE_RANGE = typer.Option(
-    None, "--over-temperature", help="Range of temperatures, '-10 60 °C'."
-)
+RATE_RANGE = typer.Option(None, "--over-rate", help="Range of each gyro, '-200 200 deg/s'.")
+TEMPERATURE_RANGE = typer.Option(None, "--over-temperature", help="Temperature range, '-10 60 °C'.")
 
 
 def run(
@@ -57,7 +55,7 @@ def run(
         "imucal, c, c_fixed, cpp, matlab, python, csv, or one of another package.",
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The file to write (default: RUN.TARGET in this folder)."
+        None, "--out", "-o", help="The file to write (default: RUN.TARGET in the current folder)."
     ),
     stated: list[str] = SET,
     axes: str = AXES,
@@ -67,7 +65,7 @@ def run(
     over_rate: str | None = RATE_RANGE,
     over_temperature: str | None = TEMPERATURE_RANGE,
     name: str | None = typer.Option(
-        None, help="For names in code and of the file (default: the sensor's and the run's name)."
+        None, help="Name in the code and of the file (default: the sensor's and the run's name)."
     ),
     force: Force = False,
     json: Json = False,
@@ -145,7 +143,7 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
             raise ValueError
     except ValueError:
         raise InputError(
-            f"{option} {text!r}: give the lower end, the upper end and the unit, such as "
+            f"{option} {text!r}: give the lower limit, the upper limit and the unit, such as "
             f"'-10 10 {unit}'",
             key=option,
         ) from None
@@ -188,7 +186,7 @@ def cost_lines(made: "Export") -> list[str]:
         )
         lines.append(
             f"error in {QUANTITIES[one.measures].name} over the range: maximum {largest}, rms {rms}"
-            + (f", U there {there}" if one.expanded else "")
+            + (f", where U is {there}" if one.expanded else "")
             + (" (exceeds U)" if one.exceeds else "")
         )
     return lines

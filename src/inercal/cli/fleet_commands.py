@@ -30,10 +30,10 @@ app = typer.Typer(
     help="Calibrate the sensors of a production line, and compare them.", no_args_is_help=True
 )
 
-_Line = Annotated[Path, typer.Argument(help="Folder of the line: run.toml and sensors.csv.")]
+_Line = Annotated[Path, typer.Argument(help="Folder with run.toml and sensors.csv.")]
 _Out = Annotated[
     Path | None,
-    typer.Option("--results", help="Folder of the results (default: fleet in the line's folder)."),
+    typer.Option("--results", help="Folder for the results (default: fleet in the line's folder)."),
 ]
 
 
@@ -44,16 +44,16 @@ def calibrate(
     scheduler: Scheduler = None,
     batch: Annotated[
         int | None,
-        typer.Option(help="Sensors of a batch (default: as many as take 2 s)."),
+        typer.Option(help="Sensors in a batch (default: as many as take 2 s)."),
     ] = None,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Try sensors again that failed before.")
+        bool, typer.Option("--retry-failed", help="Retry the sensors that failed before.")
     ] = False,
     timeout: Annotated[
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="Longest time of a sensor (default: 20 times that of the others, at least 60 s).",
+            help="Longest time for a sensor, s (default: 20 times the others' time, at least 60).",
         ),
     ] = None,
     register: Annotated[
@@ -61,10 +61,10 @@ def calibrate(
     ] = None,
     watch: Annotated[
         Path | None,
-        typer.Option(help="Calibrate each recording that arrives in this folder."),
+        typer.Option(help="Calibrate each recording as it arrives in this folder."),
     ] = None,
     count: Annotated[
-        int | None, typer.Option(help="With --watch: end after so many recordings.")
+        int | None, typer.Option(help="With --watch: end after this many recordings.")
     ] = None,
     out: _Out = None,
     json: Json = False,
@@ -77,7 +77,7 @@ def calibrate(
         if number is not None and number < 1:
             raise InputError(f"{name} {number}: give 1 or more", key=name)
     if count is not None and watch is None:
-        raise InputError("--count: it ends --watch; give --watch, too", key="--count")
+        raise InputError("--count works only with --watch; add --watch, too", key="--count")
     if timeout is not None and not 0 < timeout < inf:
         raise InputError(f"--timeout {timeout}: give a number of seconds above 0", key="--timeout")
     read = read_line(line)
@@ -168,7 +168,7 @@ def report(
     out: _Out = None,
     force: Force = False,
     json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object, and no page without --out.")
+        bool, typer.Option("--json", help="Print one JSON object; write a page only with --out.")
     ] = False,
 ) -> None:
     """Compare the sensors: distributions, lots, outliers, drift, stations and yield."""
@@ -205,7 +205,7 @@ def report(
 def export(
     line: _Line,
     path: Annotated[
-        Path, typer.Argument(help="The table to write: .csv or .parquet; with --to a folder.")
+        Path, typer.Argument(help="The table to write, .csv or .parquet; with --to, a folder.")
     ],
     sensor: Annotated[
         str | None,
@@ -256,11 +256,11 @@ def export(
                 lossless=lossless,
             )
         for name in made.unreliable:
-            report_line(f"warning: {name} is not to be relied on")
+            report_line(f"warning: {name} should not be relied on")
         _warn_of_outdated(made.outdated)
         print(f"wrote {path}: {format_count(len(made.files), 'file')}")
         for name, reason in made.without.items():
-            print(f"no file for {name}: {reason}")
+            print(f"no file was written for {name}: {reason}")
         return
     for option, given in (
         ("--set", stated),
@@ -362,7 +362,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
                 try:
                     result = calibrate_arrival(line, path, out, executor, limit)
                 except InputError as error:  # a disk is full, or away
-                    result = StationResult(path.stem, False, f"its result is not kept: {error}")
+                    result = StationResult(path.stem, False, f"its result was not stored: {error}")
                 word = "PASS" if result.passed else "FAIL"
                 print(f"{word} {result.id}: {result.reason}", flush=True)
                 failed += not result.passed
@@ -371,6 +371,6 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
                     break
     except KeyboardInterrupt:
         pass  # the usual end of a station
-    print(f"{done - failed} passed, {failed} did not")
+    print(f"{done - failed} passed, {failed} failed")
     if failed:
         raise typer.Exit(FAILED)

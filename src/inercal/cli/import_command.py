@@ -19,7 +19,7 @@ def run(
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="The calibration file to write."),
     like: Path | None = typer.Option(
-        None, help="A calibration of the same sensor, for its axes and readouts."
+        None, help="A calibration of the same sensor, from which the axes and readouts are taken."
     ),
     stated: list[str] = typer.Option(
         [], "--set", metavar="OPTION=VALUE", help="An option of the format: --set part=gyro."

@@ -30,8 +30,8 @@ def run(
         metavar="KEY=VALUE",
         help='What you know: --set "data.rate=100 Hz", --set data.gyro=gx,gy,gz.',
     ),
-    yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing: decide, and say so."),
-    report: bool = typer.Option(False, "--report", help="Write a page with signals and sections."),
+    yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing, but report each decision."),
+    report: bool = typer.Option(False, "--report", help="Show signals and sections on a page."),
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -80,7 +80,7 @@ def run(
         print(f"· {trial.text}")
     print_written_files(files.values())
     for question in draft.questions:
-        print(f"please tell {question.name}: {question.ask}")
+        print(f"please state {question.name}: {question.ask}")
         print(f'  inercal init {" ".join(map(str, logs))} --set "{_key(question)}=…"')
     if not draft.questions:
         print(f"next: inercal calibrate {path}")
@@ -117,9 +117,9 @@ def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: boo
 def _three_columns(log: Path) -> str:
     """Ask for three columns until three are given; an empty answer ends."""
     while True:
-        answer = input("Which three are the accelerometers x, y, z (with commas)? ").strip()
+        answer = input("Accelerometer columns x, y and z, separated by commas: ").strip()
         if not answer:
-            raise InputError(f"{log}: no method calibrates without accelerometers", file=log)
+            raise InputError(f"{log}: no method works without accelerometers", file=log)
         if answer.count(",") == len("xyz") - 1:
             return answer
 

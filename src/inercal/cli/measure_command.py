@@ -29,12 +29,14 @@ def run(
         help="The run file (.toml), or the worksheet that inercal plan wrote (.csv)."
     ),
     run_file: Path | None = typer.Option(
-        None, "--run", "-r", help="Run file of a worksheet, where none in its folder names it."
+        None, "--run", "-r", help="The run file of the worksheet, if none in its folder names it."
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The table to fill (.csv); by default \\[data] file."
     ),
-    readings: int = typer.Option(1, "--readings", "-n", min=1, max=10_000, help="Of each mean."),
+    readings: int = typer.Option(
+        1, "--readings", "-n", min=1, max=10_000, help="Readings per mean."
+    ),
     instrument: list[str] = typer.Option(
         [],
         "--instrument",
@@ -44,17 +46,17 @@ def run(
     ),
     query: str = typer.Option(
         "READ?",
-        help='What asks an instrument for a reading; "" for a device that sends lines by itself.',
+        help='The command that requests a reading; "" for a device that sends lines by itself.',
     ),
-    timeout: float = typer.Option(10.0, min=0.01, help="Time that a reading may take, s."),
+    timeout: float = typer.Option(10.0, min=0.01, help="Longest time to wait for a reading, s."),
     tolerance: float = typer.Option(
         20.0,
         min=0.0,
-        help="Difference from what an ideal sensor reads, in % of the specific force or rate, "
-        "beyond which a reading must be given again.",
+        help="Ask for a reading again if it differs from that of an ideal sensor by more than "
+        "this, in % of the specific force or rate.",
     ),
     force: bool = typer.Option(
-        False, "--force", help="Begin anew; the earlier table is kept as .previous."
+        False, "--force", help="Start again; the earlier table is kept as .previous."
     ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object at the end."),
 ) -> None:
@@ -79,7 +81,7 @@ def run(
         try:
             return sys.stdin.readline() or None
         except UnicodeDecodeError:
-            raise InputError("standard input is no text; give readings as text") from None
+            raise InputError("standard input is not text; give the readings as text") from None
 
     with ExitStack() as opened:
         files = measurement_files(path)
@@ -113,7 +115,7 @@ def run(
         command = f"inercal calibrate {planned.path}"
         after = f"next: {command}"
         if own.resolve() != path.resolve():
-            after = f'next: state [data] file = "{path.name}" in {planned.path}, then {command}'
+            after = f'next: set [data] file = "{path.name}" in {planned.path}, then run {command}'
     if json:
         content = {"table": str(path), "measured": table.measured, "rows": len(table.rows)}
         print_json(content | {"complete": complete, "next": after})
@@ -188,7 +190,7 @@ def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
     for note in table.sheet.notes:
         say(f"· {note}")
     if sys.stdin.isatty():
-        say("· Type the readings of a row; commands are undo, repeat, keep, quit and help.")
+        say("· Type the readings of a row, or a command: undo, repeat, keep, quit or help.")
     if table.left_out:
         say(f"· The table has no row of {', '.join(table.left_out)}.")
     if table.measured:

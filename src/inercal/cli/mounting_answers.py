@@ -96,7 +96,7 @@ def _answer(run: "BenchRun", operator: str, source: "_Lines | _AnswerFile", ende
             while waits():
                 ended.wait(_POLL_INTERVAL)
         elif waits():
-            report_line(f"{source.gone}, and nobody confirms the mounting: the run stops")
+            report_line(f"{source.gone}, so nobody can confirm the mounting: the run stops")
             run.request("stop")
             return
 
@@ -105,7 +105,7 @@ class _AnswerFile:
     """The confirmations of a file, each of which is used once."""
 
     def __init__(self, path: Path, answers: Sequence[Answer]):
-        self.gone = f"{path} has no line '{WORD} …' left for this mounting"
+        self.gone = f"{path} has no further line '{WORD} …' for this mounting"
         self.origin = f" (by {path.name})"
         self._left = list(answers)
 
@@ -233,7 +233,7 @@ class TypedConfirmation:
         request = self._request
         if request is None or run.mounting_request != request:
             report_line(
-                f"{line!r} was begun before the mounting was requested, and confirms nothing"
+                f"{line!r} was started before the mounting was requested, so it confirms nothing"
             )
             return
         answer = parse_answer(line)

@@ -26,8 +26,8 @@ def run(
     datasheet: Path | None = typer.Option(
         None,
         metavar="FILE",
-        help="A file (.toml) with the noise that a data sheet states: alone to import it, with a "
-        "recording to compare both.",
+        help="A file (.toml) with the noise that a data sheet states. On its own it is "
+        "imported; with a recording, the two are compared.",
     ),
     stated: list[str] = typer.Option(
         [],
@@ -37,26 +37,26 @@ def run(
         '--set "data.rate=100 Hz".',
     ),
     terms: str | None = typer.Option(
-        None, help="Terms to fit, as NBK, instead of those that the data support."
+        None, help="Terms to fit, such as NBK, instead of those that the data support."
     ),
     method: str = typer.Option(
         "likelihood", help="Estimate to report: likelihood, gmwm or wls_log."
     ),
     spacing: str = typer.Option("octave", "--taus", help="Averaging times: octave, decade or all."),
     skip_disturbed: bool = typer.Option(
-        False, "--skip-disturbed", help="Leave the disturbed times out of the fit."
+        False, "--skip-disturbed", help="Exclude the disturbed times from the fit."
     ),
     skip_band: list[str] = typer.Option(
         [],
         metavar="LOW-HIGH",
-        help="Leave a band of frequencies in Hz out of the fit, such as a vibration: 3.5-5.5.",
+        help="Exclude a frequency band in Hz from the fit, such as that of a vibration: 3.5-5.5.",
     ),
     report: bool = typer.Option(False, "--report", help="Write a page with the plots."),
     run_files: list[Path] = typer.Option(
         [],
         "--write",
         metavar="RUN_FILE",
-        help="Write the noise to \\[sensor.*] of this run file, new or with --force an existing.",
+        help="Write the noise to \\[sensor.*] of this run file; an existing file needs --force.",
     ),
     to: list[str] = typer.Option(
         [],
@@ -71,18 +71,18 @@ def run(
     register: str | None = typer.Option(
         None,
         help="Enter the analysis in this register: a path, sqlite:///PATH or "
-        "postgresql://USER@HOST/DATABASE; default is what $INERCAL_REGISTER says.",
+        "postgresql://USER@HOST/DATABASE; by default $INERCAL_REGISTER.",
     ),
     sensor: str | None = typer.Option(
         None, help="Name of the sensor in the register; of a run file, its own."
     ),
     measured: str | None = typer.Option(
-        None, help="Date of the recording, such as 2026-03-01; else now."
+        None, help="Date of the recording, such as 2026-03-01; by default now."
     ),
     by: str | None = typer.Option(
-        None, help="Name of the person who enters it; by default the user's name."
+        None, help="Name of the person who enters it; by default your user name."
     ),
-    out: Path = typer.Option(Path(), "--out", "-o", help="Folder of the files to write."),
+    out: Path = typer.Option(Path(), "--out", "-o", help="Folder for the files to write."),
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -226,7 +226,7 @@ def _sensor_name(
     if register is None:
         for option, value in (("--sensor", sensor), ("--measured", measured), ("--by", by)):
             if value is not None:
-                raise InputError(f"{option} is of --register, which is not given", key=option)
+                raise InputError(f"{option} works only with --register; add it", key=option)
         return ""
     if sensor is None and recording.suffix.lower() == ".toml":
         from inercal.runfile import read
@@ -234,7 +234,7 @@ def _sensor_name(
         sensor = read(recording).sensor.name
     if not (sensor or "").strip():
         raise InputError(
-            "--register needs the sensor's name: --sensor NAME, as the register has it",
+            "--register needs the sensor's name in the register: add --sensor NAME",
             key="--sensor",
         )
     if measured is not None:

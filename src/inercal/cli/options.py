@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Explain = Annotated[
-    bool, typer.Option("--explain", help="Print all that the verdict is made of, under headings.")
+    bool, typer.Option("--explain", help="Print everything behind the verdict, under headings.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Write over existing files.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 Strict = Annotated[
     bool,
-    typer.Option("--strict", help="Exit with status 3 also for a result with reservations."),
+    typer.Option("--strict", help="Also exit with status 3 if the result has reservations."),
 ]
 RegisterOption = Annotated[
     str | None,
@@ -30,7 +30,7 @@ RegisterOption = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    typer.Option(help="Processes that compute (default: one a core); results are the same."),
+    typer.Option(help="Number of processes (default: one per core); it does not affect results."),
 ]
 Scheduler = Annotated[
     str | None,
@@ -69,7 +69,7 @@ def assignments(
             raise InputError(f"{option} {text!r}: write {form}", key=option, names=(name,))
         if name in found:
             raise InputError(
-                f"{option} {name} is stated twice: state it once", key=option, names=(name,)
+                f"{option} {name} is given twice: give it only once", key=option, names=(name,)
             )
         found[name] = value
     return found
@@ -89,11 +89,11 @@ def warn_of_root(scheduler: str | None) -> None:
     if scheduler is None or not root:
         return
     what = (
-        "the processes that read the recordings are root's"
+        "the processes that read the recordings run as root"
         if scheduler == LOCAL
-        else "whoever reaches the scheduler can run code as root"
+        else "anyone who can reach the scheduler can run code as root"
     )
-    report_line(f"warning: run as root: {what}; start it as another user")
+    report_line(f"warning: inercal runs as root, so {what}; start it as another user")
 
 
 def positive_number(option: str, given: float | str, otherwise: str = "") -> float:
@@ -141,7 +141,7 @@ def run_options(speed: float | None, patience: float, temperature: str) -> "RunO
             within = (1.0, 0.0)
         if not within[0] < within[1]:
             raise InputError(
-                f"--temperature {temperature!r}: give lowest and highest °C, such as 15:40",
+                f"--temperature {temperature!r}: give the lowest and highest °C, such as 15:40",
                 key="--temperature",
             )
     for name, value in (("--speed", speed), ("--patience", patience)):

@@ -78,13 +78,13 @@ def check_outputs(
             _check_existing(path, target, kind, read, force)
             if kind == PAGE and path.suffix.lower() not in (".html", ".htm"):
                 raise InputError(
-                    f"--out {path}: a page is HTML; give the name of an .html file", file=path
+                    f"--out {path}: the page is HTML; give the name of an .html file", file=path
                 )
         except InputError as error:
             error.key = "--out"
             raise
         if (other := targets.setdefault(target, path)) != path:
-            raise InputError(f"{path} and {other} are one file: name another", file=path)
+            raise InputError(f"{path} and {other} are the same file: name another", file=path)
 
 
 def require_suffix(path: Path, suffix: str, more: str = "", key: str = "--out") -> None:
@@ -132,15 +132,15 @@ def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
         found = load(path)
     except InputError:
         raise InputError(
-            f"{path} exists and is damaged: move it, or replace it by --force",
+            f"{path} exists but is damaged: move it, or replace it with --force",
             file=path,
             key="--out",
         ) from None
     of = found.provenance.get("run file", "")
     if (of, found.sensor.name) != (run_file.name, sensor):
         raise InputError(
-            f"{path} is the calibration of {found.sensor.name} from {of or 'an unknown run file'}: "
-            "name another folder by --out, or replace it by --force",
+            f"{path} is the calibration of {found.sensor.name} from "
+            f"{of or 'an unknown run file'}: choose another --out, or replace it with --force",
             file=path,
             key="--out",
             names=(found.sensor.name,),
@@ -155,9 +155,9 @@ def _check_folder(path: Path, folder: Path) -> None:
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}", file=path) from None
     if not is_folder:
-        raise InputError(f"--out {path}: {base} is no folder; name another", file=path)
+        raise InputError(f"--out {path}: {base} is not a folder; name another", file=path)
     if not os.access(base, os.W_OK | os.X_OK):
-        raise InputError(f"--out {path}: no right to write in the folder {base}", file=path)
+        raise InputError(f"--out {path}: no permission to write to {base}", file=path)
     if base.stat().st_nlink == 0:
         raise InputError(f"--out {path}: the working directory was deleted", file=path)
 
@@ -176,11 +176,11 @@ def _check_existing(
         return
     if force is None:
         raise InputError(
-            f"{path} exists and is no {kind.name} of inercal: name another with --out, or move it",
+            f"{path} exists but is not an inercal {kind.name}: choose another --out, or move it",
             file=path,
         )
     raise InputError(
-        f"{path} exists: name another with --out, or write over it with --force", file=path
+        f"{path} exists: name another file with --out, or overwrite it with --force", file=path
     )
 
 

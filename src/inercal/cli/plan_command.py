@@ -33,17 +33,17 @@ def run(
         None,
         "--out",
         "-o",
-        help="The table to fill (.csv), on a bench that has a worksheet; some also have a page to "
-        "print (.html).",
+        help="The table to fill in (.csv), for a bench that has a worksheet; some also get a "
+        "page to print (.html).",
     ),
     optimise: str | None = typer.Option(
         None,
         metavar="DURATION",
-        help='Search for a better path of systematic of at most this time, such as "20 min"; --out '
-        "writes it as a file for \\[method] path.",
+        help="Search for a better path of method systematic that takes at most this time, such "
+        'as "20 min"; --out writes it as a file for \\[method] path.',
     ),
     trials: int | None = typer.Option(
-        None, min=1, help=f"Paths that --optimise judges (default {_TRIALS})."
+        None, min=1, help=f"Number of paths that --optimise evaluates (default {_TRIALS})."
     ),
     force: Force = False,
     workers: Workers = None,
@@ -59,7 +59,7 @@ def run(
     keys: dict[str, object] = {}
     if method.lower().endswith(".toml"):
         if run_file is not None:
-            raise InputError(f"--run: {method} is a run file already; give one", key="--run")
+            raise InputError(f"--run: {method} is already a run file; give only one", key="--run")
         run_file = Path(method)
     else:
         if Path(method).suffix and is_file(Path(method)):
@@ -73,7 +73,7 @@ def run(
             seconds = _SECONDS if seconds is None else seconds
     if run_file is None:
         raise InputError(
-            f"a plan of {method} needs a run file: add --run FILE; only multi-position has its own",
+            f"a plan of {method} needs a run file: add --run FILE; only multi-position does not",
             key="--run",
         )
     for option, value in (("--positions", positions), ("--seconds", seconds)):
@@ -89,7 +89,7 @@ def run(
         )
         return
     if trials is not None:
-        raise InputError("--trials: goes with --optimise alone; remove it", key="--trials")
+        raise InputError("--trials works only with --optimise; remove it", key="--trials")
     with open_executor(workers, scheduler) as executor:
         warn_of_root(scheduler)
         print_plan(run_file, keys, out, executor, force=force, json=json)

@@ -72,8 +72,8 @@ def print_plan(
             plan, files = _worksheet_plan(run, out, force=force)
         elif out is not None:
             raise InputError(
-                f"--out: a plan of {run.method.name} for a recording has no table to fill; remove "
-                "--out",
+                f"--out: a plan of {run.method.name} for a recording has no table to fill in; "
+                "remove --out",
                 key="--out",
             )
         else:
@@ -110,8 +110,8 @@ def print_optimised_plan(
     with progress_status("searching for a path") as say:
         found = search_path(run, seconds, trials, _SEED, lambda k: say(f"path {k} of {trials}"))
     note = (
-        f"This is the best of {found.tried} paths of at most {duration}. In the geometric mean, "
-        f"uncertainties are {found.ratio:.2g} of those by the path of the run file."
+        f"This is the best of {found.tried} paths of at most {duration}. Its uncertainties are "
+        f"{found.ratio:.2g} times those of the run file's path (geometric mean)."
     )
     files: dict[str, Path] = {}
     if out is not None:
@@ -168,7 +168,7 @@ def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
         "The named axis points up and reads +1 g.",
         "Turn slowly from rest to rest, on any path, and wait until the hand is at rest.",
         "Keep the order: the gyros are calibrated by the turns between the rests.",
-        "Uncertainties are for the stated noise, without tremor or drift.",
+        "The uncertainties assume the stated noise, without tremor or drift.",
     )
     return _Plan(
         steps,
@@ -187,19 +187,17 @@ def _path_plan(run: "Run") -> _Plan:
     from inercal.pipeline.design.turntable_path import turntable_path_sheet
 
     sheet = turntable_path_sheet(run)
-    notes = [
-        f"not determined by the path, in units of g and rad/s: {words}" for words in sheet.undecided
-    ]
+    notes = [f"not determined by the path (in g and rad/s): {words}" for words in sheet.undecided]
     if notes:
         axes = require_turntable(run).axes
         notes.append(
             "Turn about each axis of the body, hold more attitudes, or give priors."
             if len(axes) == len("xyz")
-            else f"A table of axes {axes} does not determine every coefficient: choose some by "
-            '[method] coefficients, such as ["gz.bias", "gz.scale"].'
+            else f"A table with axes {axes} does not determine every coefficient: choose some "
+            'with [method] coefficients, such as ["gz.bias", "gz.scale"].'
         )
     notes += sheet.warnings
-    notes.append("Uncertainties are for the stated noise and table, and an ideal sensor.")
+    notes.append("The uncertainties assume the stated noise and table, and an ideal sensor.")
     steps = [
         {
             "label": row.step.label,

@@ -27,8 +27,8 @@ _LARGEST_CORRELATION = 0.05  # that is left out
 
 def run(
     files: list[Path] = typer.Argument(
-        help="Input file with \\[qualification] and \\[measurement]; with --drift the earlier and "
-        "the later qualification.",
+        help="Input file with \\[qualification] and \\[measurement]; with --drift, the earlier "
+        "and the later qualification.",
         metavar="FILE…",
     ),
     out: Path | None = typer.Option(
@@ -41,21 +41,21 @@ def run(
     withdraw: str | None = typer.Option(
         None,
         metavar="REASON",
-        help="Withdraw a qualification: the file says so, and what used it is listed.",
+        help="Withdraw a qualification: mark the file, and list what used it.",
     ),
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
     r"""Qualify a bench: find its parameters with their covariance, for \[bench] qualification."""
     if drift and withdraw is not None:
-        raise InputError("--drift and --withdraw are two tasks: give one of them", key="--drift")
+        raise InputError("--drift and --withdraw exclude each other: give one", key="--drift")
     wanted = 2 if drift else 1
     if len(files) != wanted:
         raise InputError(f"{format_count(len(files), 'file is', 'files are')} given; give {wanted}")
     if register is not None and withdraw is None:
-        raise InputError("--register is of --withdraw; remove it", key="--register")
+        raise InputError("--register works only with --withdraw; remove it", key="--register")
     if out is not None and (drift or withdraw is not None):
-        raise InputError("--out is of a measurement; remove it", key="--out")
+        raise InputError("--out works only with a measurement; remove it", key="--out")
     if drift:
         _drift(files, json)
     elif withdraw is not None:
@@ -102,7 +102,7 @@ def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
 
     found = load(file)
     if not reason.strip() and not found.withdrawn:
-        raise InputError("--withdraw: the reason is empty; state it", key="--withdraw")
+        raise InputError("--withdraw: the reason is empty; give one", key="--withdraw")
     with open_register(address, create=False) as opened:
         uses = qualification_uses(opened, found.determination)
         place = opened.address
@@ -151,7 +151,7 @@ def _print_qualification(found: "Qualification") -> None:
         lines.append(
             f"χ² = {found.chi2:.4g} with {found.dof} degrees of freedom, p = {found.p_value:.2g}"
         )
-    lines += [f"does not agree with the model: {one}" for one in found.suspects]
+    lines += [f"inconsistent with the model: {one}" for one in found.suspects]
     lines += found.remarks
     lines += [f"not seen: {one}" for one in found.unseen]
     if found.expired_parameters(datetime.now(UTC).date()):

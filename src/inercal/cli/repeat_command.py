@@ -24,19 +24,19 @@ if TYPE_CHECKING:
 
 def run(
     files: list[Path] | None = typer.Argument(
-        None, help="Calibration files of one sensor, in the order of time.", metavar="FILE…"
+        None, help="Calibration files of one sensor, in chronological order.", metavar="FILE…"
     ),
     table: Sessions = None,
     sensor: Sensor = None,
     register: RegisterOption = None,
     same: SameOption = None,
     scope: Literal["day", "turn-on"] = typer.Option(
-        "day", "--next", help="What is new in the next use."
+        "day", "--next", help="What changes before the next use."
     ),
     mount: Literal["sensor", "bench"] = typer.Option(
         "bench",
-        help="Whether U of the next use holds the rotation of a new mounting (sensor), or whoever "
-        "mounts answers for it (bench).",
+        help="Whether U of the next use includes the rotation of a new mounting (sensor), or "
+        "the person who mounts the sensor accounts for it (bench).",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Folder for the result and the calibration of the next use."
@@ -81,9 +81,9 @@ def _print_repeatability(found: "Repeatability") -> None:
     count = len(matched.sessions)
     days, mounts, turn_ons = (int(matched.level(which).max()) + 1 for which in range(3))
     print_line(
-        f"{matched.sensor.name}: {format_count(count, 'session')} of {format_count(days, 'day')}, "
-        f"{format_count(mounts, 'mounting')}, {format_count(turn_ons, 'turn-on')}; U with 95 % "
-        f"coverage; the next use is on another {found.scope}"
+        f"{matched.sensor.name}: {format_count(count, 'session')} of {format_count(days, 'day')}"
+        f", {format_count(mounts, 'mounting')}, {format_count(turn_ons, 'turn-on')}; U with 95 "
+        f"% coverage; the next use is after another {found.scope}"
     )
     rows: list[tuple[str, ...]] = []
     for k, name in enumerate(found.names):

@@ -21,7 +21,7 @@ def run(
     run_file: Path = typer.Argument(help="The run file (TOML)."),
     out: Path | None = typer.Option(None, "--out", "-o", help="The page to write."),
     for_customer: bool = typer.Option(
-        False, "--for-customer", help="Leave out keys of the run file, and what to do next."
+        False, "--for-customer", help="Omit the keys of the run file and the next steps."
     ),
     explain: Explain = False,
     strict: Strict = False,

@@ -26,7 +26,7 @@ def run(
         None,
         "--out",
         "-o",
-        help="Folder for the page; by default the current one, with --json no page.",
+        help="Folder for the page; by default the current one, and no page with --json.",
     ),
     trials: int | None = typer.Option(
         None,
@@ -46,7 +46,7 @@ def run(
         options = {"--out": out, "--trials": trials, "--seed": seed, "--workers": workers,
                    "--scheduler": scheduler}  # fmt: skip
         if given := [option for option, value in options.items() if value is not None]:
-            raise InputError(f"{', '.join(given)}: a bundle takes no such option; leave it out")
+            raise InputError(f"{', '.join(given)}: not possible with a bundle; leave it out")
         _reproduce_bundle(Path(name), json)
         return
     from inercal.basics.parallel import open_executor
@@ -101,7 +101,7 @@ def _reproduce_bundle(path: Path, json: bool) -> None:
         print(
             "reproduced"
             if found.reproduced
-            else f"not reproduced: more than {TOLERANCE} u, or another verdict"
+            else f"not reproduced: a difference of more than {TOLERANCE} u, or a different verdict"
         )
     if not found.reproduced:
         raise typer.Exit(3)

@@ -12,9 +12,9 @@ _FAILED = 3  # the exit status
 
 
 def run(
-    method: list[str] = typer.Option([], help="Check this method alone."),
-    out: Path = typer.Option(Path(), "--out", "-o", help="Folder of the dated report."),
-    json: bool = typer.Option(False, "--json", help="Print one JSON object, and write no report."),
+    method: list[str] = typer.Option([], help="Check only this method."),
+    out: Path = typer.Option(Path(), "--out", "-o", help="Folder for the dated report."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object, and no report."),
 ) -> None:
     """Check that each method still gives its known answers, and write a dated report.
 

@@ -30,16 +30,15 @@ Sessions = Annotated[
     typer.Option(
         "--table",
         "-t",
-        help="CSV of sessions with columns file, day, mount, turn_on; instead of files.",
+        help="CSV of sessions with columns file, day, mount, turn_on; replaces the files.",
     ),
 ]
-Sensor = Annotated[str | None, typer.Option(help="A sensor of the register; instead of files.")]
+Sensor = Annotated[str | None, typer.Option(help="A sensor in the register; replaces the files.")]
 SameOption = Annotated[
     list[Same] | None,
     typer.Option(
         "--same",
-        help="What all files have in common; otherwise each is of another day, mounting and "
-        "turn-on.",
+        help="What all files have in common; otherwise each has its own day, mounting and turn-on.",
     ),
 ]
 
@@ -141,7 +140,7 @@ def _of_table(table: Path, same: list[Same] | None) -> tuple[list[DatedSession],
     for k, (where, cells) in enumerate(csv_lines(table, (_FILE,), "table of sessions")):
         if unknown := sorted(cells.keys() - {_FILE, *_LEVELS}):
             raise InputError(
-                f"{table}: column {unknown[0]!r} is not known; there are {_FILE}, "
+                f"{table}: column {unknown[0]!r} is unknown; the columns are {_FILE}, "
                 f"{', '.join(_LEVELS)}",
                 file=table,
                 names=(unknown[0],),

@@ -30,7 +30,7 @@ _OTHER_KEYS = {"g": "gravity", **dict.fromkeys(("earth_up", "earth1", "earth2"),
 def run(
     file: Path = typer.Argument(help="A calibration file, a run file, or a recording."),
     at: list[str] = typer.Option(
-        [], help='A temperature, such as "-30 °C": the coefficients of a calibration there.'
+        [], help='A temperature, such as "-30 °C", at which to show a calibration\'s coefficients.'
     ),
     explain: Explain = False,
     json: Json = False,

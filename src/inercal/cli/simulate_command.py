@@ -11,14 +11,16 @@ from inercal.cli.outputs import RECORDING, check_outputs
 
 
 def run(
-    run_file: Path = typer.Argument(help="The run file (TOML); \\[sensor.truth] is the truth."),
+    run_file: Path = typer.Argument(
+        help="The run file (TOML); \\[sensor.truth] has the true values."
+    ),
     out: Path | None = typer.Option(
         None,
         "--out",
         "-o",
         help="The recording to write (.csv, .npz, .parquet); by default \\[data] file.",
     ),
-    seed: int = typer.Option(0, min=0, help="Seed of the noise and of the bench's errors."),
+    seed: int = typer.Option(0, min=0, help="Seed for the noise and the bench's errors."),
     force: Force = False,
     json: Json = False,
 ) -> None:

@@ -28,7 +28,7 @@ app = typer.Typer(
 
 _Sensor = Annotated[str, typer.Argument(help="Its name.")]
 _All = Annotated[
-    bool, typer.Option("--all", help=f"All calibrations and runs, not the newest {_LISTED}.")
+    bool, typer.Option("--all", help=f"All calibrations and runs, not only the newest {_LISTED}.")
 ]
 
 
@@ -53,7 +53,7 @@ def list_(
                 {"register": opened.address, what: [store_view.entry_object(one) for one in found]}
             )
         elif not found:
-            print(f"{opened.address} is empty; enter calibrations by inercal store import PATH…")
+            print(f"{opened.address} is empty; enter calibrations with inercal store import PATH…")
         elif runs:
             store_view.print_runs(opened.runs(newest=limit), limit)
         else:
@@ -117,19 +117,19 @@ def history(
     limit: Annotated[
         list[str] | None,
         typer.Option(
-            help="Largest U until the next calibration, such as 'bias=1 mg'; else the limits that "
-            "the newest calibration states."
+            help="Largest U until the next calibration, such as 'bias=1 mg'; by default the "
+            "limits that the newest calibration states."
         ),
     ] = None,
     in_use: Annotated[
         float | None,
-        typer.Option(help="Percent of the time in use: the interval as hours of use, too."),
+        typer.Option(help="Percentage of time in use, to give the interval in hours, too."),
     ] = None,
     like: Annotated[
         list[str] | None,
         typer.Option(
-            help="A sensor of the same type, for the interval of a sensor with few calibrations; "
-            "else those with the same model in \\[job]."
+            help="A sensor of the same type, for the interval of a sensor with few "
+            "calibrations; by default those with the same model in \\[job]."
         ),
     ] = None,
     register: RegisterOption = None,
@@ -203,12 +203,12 @@ def _print_noise_alone(
 @app.command()
 def diff(
     first: Annotated[str, typer.Argument(help="The number of a calibration, or a file.")],
-    second: Annotated[str, typer.Argument(help="The later one.")],
+    second: Annotated[str, typer.Argument(help="A later one.")],
     repeatability: Annotated[
         Path | None,
         typer.Option(
-            help="A result of inercal repeat, for the ordinary scatter of runs; else it is that of "
-            "the sensor's other calibrations in the register."
+            help="A result of inercal repeat, for the usual scatter from run to run; by default "
+            "this is taken from the sensor's other calibrations in the register."
         ),
     ] = None,
     register: RegisterOption = None,
@@ -264,7 +264,7 @@ def import_(
     ] = None,
     by: Annotated[
         str | None,
-        typer.Option(help="Name of the person who enters it; by default the user's name."),
+        typer.Option(help="Name of the person who enters it; by default your user name."),
     ] = None,
     register: RegisterOption = None,
     json: Json = False,
@@ -272,7 +272,7 @@ def import_(
     """Enter calibrations and runs; existing entries stay, --measured dates one without a date."""
     if measured is not None and (len(paths) > 1 or paths[0].is_dir()):
         raise InputError(
-            "--measured is the date of one calibration: give exactly one calibration file",
+            "--measured is the date of a single calibration: give exactly one calibration file",
             key="--measured",
         )
     entered: list[dict[str, Any]] = []
@@ -311,7 +311,7 @@ def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[st
     files = sorted(path.glob("*.calibration.json"))
     if not files:
         raise InputError(
-            f"{path}: the folder has neither a run of a bench nor *.calibration.json; give the "
+            f"{path}: the folder contains neither a bench run nor *.calibration.json; give the "
             "folder of a run, or calibration files",
             file=path,
         )
@@ -345,14 +345,14 @@ def _print_dates(opened: "Register", entered: list[dict[str, Any]], measured: st
     dated = [n for n in new if opened.calibration(n).measured_from == "created"]
     if dated:
         print(
-            f"{', '.join(f'#{n}' for n in dated)}: the date is that of the file; if it was "
-            "measured on another day, import it again with --measured DATE"
+            f"{', '.join(f'#{n}' for n in dated)}: the date is that of the file; if the "
+            "measurement was on another day, import the file again with --measured DATE"
         )
 
 
 @app.command()
 def backup(
-    out: Annotated[Path, typer.Argument(help="The file to write; SQLite, whatever the register.")],
+    out: Annotated[Path, typer.Argument(help="The file to write, always in SQLite.")],
     force: Force = False,
     register: RegisterOption = None,
     json: Json = False,
@@ -368,7 +368,7 @@ def backup(
 
 @app.command()
 def restore(
-    file: Annotated[Path, typer.Argument(help="A file of inercal store backup.")],
+    file: Annotated[Path, typer.Argument(help="A file that inercal store backup wrote.")],
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:

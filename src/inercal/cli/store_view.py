@@ -100,7 +100,7 @@ def print_sensor(
     if runs:
         print_runs(runs, limit)
     if not (calibrations or runs):
-        print_line("no calibrations and no runs yet")
+        print_line("no calibrations or runs yet")
 
 
 def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:

@@ -142,8 +142,8 @@ def calibrate_batch(
     with stated_run(first, sections, keys) as run:
         if run.adds_coefficients:
             raise InputError(
-                '[method] also: "auto" may add other coefficients to each sensor, and a batch has '
-                "those of one list; state them",
+                '[method] also: "auto" may add other coefficients to each sensor, but all '
+                "sensors of a batch need the same ones; state them",
                 key="[method] also",
             )
         return _calibrate_all(run, columns, counts.pop())
@@ -209,8 +209,8 @@ def _readings(
     first = np.stack([one if one.ndim == 1 else one[0] for one in result], axis=-1)
     if not np.array_equal(run.sensor.to_si(first), observations.mean):
         raise InputError(
-            f"calibrate_batch: bench {run.kind.name} changes the readings of a table before they "
-            "are used; calibrate each sensor by itself",
+            f"calibrate_batch: bench {run.kind.name} changes the readings of a table before "
+            "they are used; calibrate each sensor separately",
             key="data",
         )
     return result

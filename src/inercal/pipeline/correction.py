@@ -43,9 +43,9 @@ def _require_same_corrections(calibration: Calibration, recording: Recording, ru
     if recording.kept_corrections == made_from:
         return
     raise InputError(
-        f"{run.path}: the readings of {recording.source} hold the corrections "
-        f"({recording.kept_corrections or 'none'}), and the calibration is for readings with "
-        f"({made_from or 'none'}): one of them would be made twice or not at all; state "
+        f"{run.path}: the readings of {recording.source} contain the corrections ("
+        f"{recording.kept_corrections or 'none'}), but the calibration is for readings with ("
+        f"{made_from or 'none'}): one of them would be applied twice or not at all; state "
         "[data] corrections as in the run of the calibration",
         file=run.path,
         key="[data] corrections",
@@ -155,7 +155,7 @@ def apply(
     warmer = _temperatures_beyond(calibration, recording, outside)
     if warmer and not extrapolate:
         raise InputError(
-            f"{run.path}: {warmer[0].message}; cut them off, or ask for it by --extrapolate",
+            f"{run.path}: {warmer[0].message}; cut them off, or allow it with --extrapolate",
             file=run.path,
             key="[data] temperature",
         )

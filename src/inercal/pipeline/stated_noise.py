@@ -94,8 +94,8 @@ def stated_noise_findings(
         found = tuple(_noise_of_means(estimate, sensor))
     if not found and small >= _LEAST_RATIO and not (estimate.groups and recorded):
         text = (
-            f"the residuals are {small:.2g} times smaller than noise and bench as stated make "
-            "them: U is too large"
+            f"the residuals are {small:.2g} times smaller than the stated noise and bench "
+            "imply: U is too large"
         )
         return (Finding("note", "residuals", text, factor=small),)
     return found

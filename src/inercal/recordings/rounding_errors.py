@@ -267,15 +267,15 @@ def _rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple
             size = read_unit(quantity.bias_unit).size
             errors = ", ".join(f"{c.channel} ± {format_number(2 * c.std / size, 2)}" for c in some)
             what = (
-                f"{quantity.sensors} read one value within a band of {sizes} ({names})"
+                f"{quantity.sensors} give the same reading within a band of {sizes} ({names})"
                 if dead
-                else f"{quantity.sensor} readings step by {sizes}, by more than their noise "
-                f"({names})"
+                else f"{quantity.sensor} readings change in steps of {sizes}, more than their "
+                f"noise ({names})"
             )
             effect = (
-                "rests alone show the bias only to this (k = 2), however many there are"
+                "rests cannot show the bias better than this (k = 2), however many there are"
                 if kind == "w"
-                else "each mean has this error (k = 2) by rounding"
+                else "rounding gives each mean this error (k = 2)"
             )
             notes.append(f"{what}; {effect}, and U includes it: {errors} {quantity.bias_unit}")
     return tuple(notes)

@@ -75,7 +75,7 @@ class Track:
         if self.reading.shape[-2] != n or self.angles.shape[-2] != n or self.hold.shape != (n,):
             raise InputError(
                 f"track: time has shape ({n},), reading {self.reading.shape}, angles "
-                f"{self.angles.shape} and hold {self.hold.shape}; give each the same number of "
+                f"{self.angles.shape} and hold {self.hold.shape}; give all the same number of "
                 "samples"
             )
         if self.temperature is not None:

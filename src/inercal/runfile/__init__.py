@@ -53,9 +53,7 @@ from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.specification_section import stated_specification
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
 
-_QUESTION = re.compile(
-    r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(please tell: )?(?P<comment>.*?)\s*)?'
-)
+_QUESTION = re.compile(r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(please \w+: )?(?P<comment>.*?)\s*)?')
 _DEFAULT_KIND = "hand"  # [bench] kind
 
 

@@ -97,7 +97,7 @@ def terms_of_order(
         if f"{axis.name}.{term}" in possible
     ]
     if not named:
-        raise key_error(key, "the method estimates no coefficients of temperature; remove the key")
+        raise key_error(key, "the method estimates no temperature coefficients; remove the key")
     return named
 
 
@@ -152,8 +152,7 @@ def stated_environment(
     if (ordered or section is not None) and schema.data.temperature is None:
         raise key_error(
             "[data] temperature",
-            "is missing: coefficients of temperature need the sensor's temperature; name its "
-            "column",
+            "is missing: temperature coefficients need the sensor's temperature; name its column",
         )
     if section is None:
         return None
@@ -197,8 +196,8 @@ def _stated_lag(section: EnvironmentSection, chosen: Method[Any, Any]) -> Measur
     if lag.sd and not weighed:
         raise key_error(
             "[environment] lag",
-            f"method {chosen.name} does not weigh the uncertainty of the lag with kind = "
-            f'"{section.kind}"; state the lag without it',
+            f'method {chosen.name} cannot use the uncertainty of the lag with kind = "'
+            f'{section.kind}"; state the lag without it',
         )
     return lag
 
@@ -222,26 +221,26 @@ def _require_used(
     """Refuse the section, or keys of it, that change no result."""
     if not sensor.uses("dT", "dTdt"):
         raise InputError(
-            "[environment]: the run estimates no coefficients of temperature, and nothing depends "
-            'on the section; state [method] temperature_order = "auto", or remove [environment]',
+            "[environment]: the run estimates no temperature coefficients, so the section has "
+            'no effect; state [method] temperature_order = "auto", or remove [environment]',
             key="[environment]",
         )
     ramp = section.kind == "ramp"
     if chosen.follows_rest and not ramp:
         raise key_error(
-            "[environment] kind", f'method {chosen.name} follows a ramp; write kind = "ramp"'
+            "[environment] kind", f'method {chosen.name} needs a ramp; write kind = "ramp"'
         )
     kinds = {axis.measures for axis in sensor.axes}
     unused: dict[str, str] = {}
     for kind, key in (("f", "accelerometer_repeatability"), ("w", "gyro_repeatability")):
         if ramp:
-            unused[key] = "a ramp has no soaks from which a bias comes back"
+            unused[key] = "a ramp has no soaks, between which a bias could scatter"
         elif kind not in kinds:
             unused[key] = f"the method calibrates no {QUANTITIES[kind].sensors}"
     if not chosen.follows_rest:
         unused["warm_up"] = "only method temperature_ramp estimates a warm-up"
     if schema.data.kind == "means":
-        unused["lag"] = "means hold no course of the temperature; correct their temperatures"
+        unused["lag"] = "means do not show how it changed; correct the temperatures instead"
     for key, reason in unused.items():
         if getattr(section, key) is not None:
             raise key_error(f"[environment] {key}", f"{reason}; remove {key}")

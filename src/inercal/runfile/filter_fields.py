@@ -94,7 +94,7 @@ def changed_section(path: Path, changes: Mapping[str, str]) -> dict[str, Any]:
         place, _, name = key.rpartition(".")
         model = FilterInitialSection if place == _INITIAL else FilterSection
         if place not in ("", _INITIAL) or name not in model.model_fields or name == _INITIAL:
-            raise InputError(f"{key!r} is no parameter of the filters", key=key)
+            raise InputError(f"{key!r} is not a parameter of the filters", key=key)
         own = initial if place else section
         own.pop(name, None)
         if text:

@@ -85,7 +85,7 @@ def with_filter_keys(
     if chosen.name != FILTER_METHOD:
         raise key_error(
             FILTER_KEY,
-            f"only {FILTER_METHOD} has these keys, and {chosen.name} has no filter; remove the "
+            f"only {FILTER_METHOD} uses these keys; {chosen.name} has no filter, so remove the "
             "section",
         )
     from inercal.methods.turntable_kalman import method_with
@@ -156,8 +156,8 @@ def _require_unstable_biases(schema: RunSchema) -> None:
     if not any(one.bias_instability or one.random_walk for one in noise):
         raise key_error(
             f"{FILTER_KEY} bias_drift",
-            "[sensor] states no bias_instability and no random_walk that the biases would drift "
-            "by; state one, or leave bias_drift out",
+            "bias_drift needs a bias_instability or a random_walk in [sensor]; state one, or "
+            "remove bias_drift",
         )
 
 
@@ -168,5 +168,5 @@ def _require_estimated(name: str, terms: tuple[str, tuple[str, ...]], sensor: Se
     if not any(CoefficientName(one).term in wanted for one in estimated):
         raise key_error(
             f"[method.filter.initial] {name}",
-            f"no {' or '.join(wanted)} is among the coefficients that are estimated; leave it out",
+            f"the run does not estimate {' or '.join(wanted)}; remove it",
         )

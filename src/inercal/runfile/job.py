@@ -99,8 +99,8 @@ def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tup
         texts[f"instrument {one.name}"] = ", ".join(f"{k} {v}" for k, v in parts.items() if v)
         if one.is_overdue(job.last_day):
             message = (
-                f"instrument {one.name} was due on {one.due}, before the measurement on "
-                f"{job.last_day}: state a valid certificate in {job.lab}"
+                f"the calibration of instrument {one.name} was due on {one.due}, before the "
+                f"measurement on {job.last_day}: state a valid certificate in {job.lab}"
             )
             warnings.append(Finding("warning", "instrument", message))
     return texts, tuple(warnings)

@@ -93,7 +93,7 @@ def stated_also(section: MethodSection, chosen: Method[Any, Any]) -> tuple[str, 
         other = next(iter(chosen.estimators))
         raise InputError(
             f'[method] also: "auto" is not possible with estimator {section.estimator}, whose '
-            f"formulas have no place for more coefficients; use estimator {other}, or remove also",
+            f"formulas cannot take more coefficients; use estimator {other}, or remove also",
             key="[method] also",
             names=(section.estimator,),
         )
@@ -116,8 +116,8 @@ def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
         if each.norm_only_estimators
     )
     raise InputError(
-        f"[sensor] frame: estimator {estimator} of {chosen.name} takes no frame {frame!r}; remove "
-        f"frame, or use an estimator that uses only norms: {possible}",
+        f"[sensor] frame: estimator {estimator} of {chosen.name} does not support frame "
+        f"{frame!r}; remove frame, or use an estimator that uses only norms: {possible}",
         key="[sensor] frame",
         names=(estimator,),
     )

@@ -151,11 +151,13 @@ class _Reader:
             ("bias_instability_kind", "bias_instability"),
         ):
             if getattr(section, key) is not None and getattr(section, of) is None:
-                raise key_error(f"{self._name} {key}", f"it is of {of}, which is missing: add it")
+                raise key_error(
+                    f"{self._name} {key}", f"it belongs to {of}, which is missing: add it"
+                )
         if section.white is not None and section.rms is not None:
             raise key_error(
                 f"{self._name} rms",
-                "white and rms both state the white noise: keep one, rather white",
+                "white and rms both state the white noise: keep only one, preferably white",
             )
 
     def _values(self, key: str, like: str) -> tuple[tuple[float, ...], str]:
@@ -172,12 +174,12 @@ class _Reader:
             raise key_error(
                 f"{self._name} white_kind",
                 f"missing: {text} is {meanings}. A density, rms/√bandwidth, is one-sided and √2 "
-                "times N; a random walk, mostly in °/√h or m/s/√h, is N (1 °/√h = 1/60 °/s/√Hz)",
+                "times N; a random walk, usually in °/√h or m/s/√h, is N (1 °/√h = 1/60 °/s/√Hz)",
             )
         if kind == "density" and "√h" in text.replace(" ", ""):
             self._remarks.append(
-                f"{self._name} white: {text} is stated as a density, but its unit is mostly that "
-                "of a random walk; check white_kind"
+                f"{self._name} white: {text} is stated as a density, but its unit is usually "
+                "that of a random walk; check white_kind"
             )
         return SheetCoefficient(
             "N", tuple(white_noise(one, kind) for one in values), f"{text} ({kind})"
@@ -207,9 +209,9 @@ class _Reader:
         if self._rate and 2 * noise_bandwidth(band, kind) > self._rate:
             sampled = values[0] / self._rate**0.5
             self._remarks.append(
-                f"{self._name} rms: its noise reaches beyond half the sampling rate of "
-                f"{self._rate:g} Hz, and folds back where no other filter takes it out: samples "
-                f"then have N = {shown(sampled, 'N', self._quantity)}"
+                f"{self._name} rms: its noise extends beyond half the sampling rate of "
+                f"{self._rate:g} Hz and is aliased unless another filter removes it: the "
+                f"samples then have N = {shown(sampled, 'N', self._quantity)}"
             )
         return SheetCoefficient(
             "N",
@@ -227,15 +229,15 @@ class _Reader:
             )
             raise key_error(
                 f"{self._name} bias_instability_kind",
-                f"missing: {text} is {meanings}. Data sheets mostly state the minimum of the Allan "
-                "deviation, 0.664 B",
+                f"missing: {text} is {meanings}. Data sheets usually state the minimum of the "
+                "Allan deviation, 0.664 B",
             )
         both = {one.symbol: one for one in others}
         if kind == "coefficient" or set(both) != {"N", "K"}:
             if kind == "minimum":
                 self._remarks.append(
-                    f"{self._name} bias_instability: white noise and random walk add to a minimum, "
-                    "so that B is rather too large; with white and random_walk they are taken off"
+                    f"{self._name} bias_instability: white noise and random walk raise the "
+                    "minimum, so B is too large; state them to subtract them"
                 )
             found = tuple(bias_instability(one, kind) for one in values)
             return SheetCoefficient("B", found, f"{text} ({kind})")
@@ -249,8 +251,8 @@ class _Reader:
         if not all(isfinite(one) for one in found):
             raise key_error(
                 f"{self._name} bias_instability",
-                f"{text} is below {shown(max(least), 'B', self._quantity)}, the minimum of the "
-                "Allan deviation of white and random_walk alone: check the three",
+                f"{text} is below {shown(max(least), 'B', self._quantity)}, the minimum Allan "
+                "deviation that white and random_walk alone would give: check all three",
             )
         return SheetCoefficient("B", found, f"{text} ({kind}, without the part of N and K)")
 

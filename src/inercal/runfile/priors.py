@@ -73,7 +73,7 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
     known = load(path)
     if known.method == CENTRIFUGE.name:
         raise InputError(
-            f"{key}: {path.name} is a calibration on a centrifuge; give a calibration at rest",
+            f"{key}: {path.name} is a calibration on a centrifuge; give one at rest",
             key=key,
         )
     if known.sensor.name != sensor.name:
@@ -142,21 +142,21 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
         term = CoefficientName(ours).term
         if term != CoefficientName(theirs).term:
             raise InputError(
-                f"{key}: {ours} and {theirs} are different terms; take the same term of both",
+                f"{key}: {ours} and {theirs} are different terms; use the same term in both",
                 key=key,
                 names=(ours, theirs),
             )
         if term.startswith("delta"):
             raise InputError(
-                f"{key}: {ours} depends on the fixture, not on the accelerometer alone; remove it",
+                f"{key}: {ours} depends on the fixture, not only on the accelerometer; remove it",
                 key=key,
                 names=(ours,),
             )
         has_misalignment = any(".delta" in name for name in known.sensor.coefficients)
         if term == "k1" and has_misalignment and known.sensor.form != sensor.form:
             raise InputError(
-                f"{key}: {theirs} is of the {known.sensor.form} form, in which a misalignment is "
-                f"part of k1; calibrate that sensor in the {sensor.form} form",
+                f"{key}: {theirs} is in the {known.sensor.form} form, where k1 contains a "
+                f"misalignment; calibrate that sensor in the {sensor.form} form",
                 key=key,
                 names=(theirs,),
             )
@@ -168,8 +168,8 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
     sources = tuple(taken.values())
     if twice := tuple(name for name in dict.fromkeys(sources) if sources.count(name) > 1):
         raise InputError(
-            f"{key}: {', '.join(twice)} of {path.name} is the prior of two coefficients; take it "
-            "once",
+            f"{key}: {', '.join(twice)} of {path.name} is the prior of two coefficients; use it "
+            "only once",
             key=key,
             names=twice,
         )

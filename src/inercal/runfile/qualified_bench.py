@@ -59,7 +59,7 @@ def qualified_bench(bench: Bench, used: UsedQualifications) -> Bench:
         return bench
     if "qualified" not in {one.name for one in fields(bench)}:
         raise InputError(
-            f"{KEY}: this kind of bench takes none: its class has no field `qualified`", key=KEY
+            f"{KEY}: this kind of bench cannot use one: its class has no field `qualified`", key=KEY
         )
     result: Any = replace(cast(Any, bench), qualified=used.parameters)
     require_parameters(result, used)
@@ -88,7 +88,7 @@ def check_validity(used: UsedQualifications, job: JobSection | None) -> tuple[Fi
                 Finding("warning", "qualification", _expired(file, min(ends), day, stated))
             )
         if not one.consistent:
-            text = f"the qualification {file} does not agree with its model: {one.suspects[0]}"
+            text = f"the qualification {file} is inconsistent with its model: {one.suspects[0]}"
             found.append(Finding("warning", "qualification", text))
     return tuple(found)
 
@@ -96,6 +96,6 @@ def check_validity(used: UsedQualifications, job: JobSection | None) -> tuple[Fi
 def _expired(file: str, end: date, day: date, stated: date | None) -> str:
     when = f"the measurement on {day}" if stated else f"today, {day}"
     return (
-        f"the qualification {file} expired on {end}, before {when}: qualify the bench anew, or "
+        f"the qualification {file} expired on {end}, before {when}: qualify the bench again, or "
         "state a valid qualification"
     )

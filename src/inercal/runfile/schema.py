@@ -45,7 +45,7 @@ class ReadoutSection(Section):
         """Return the keys that change no result of this use, with the reason and what to do."""
         if not use.means:
             return {}
-        reason = "means hold no samples; state their noise and instability in [data.sd] instead"
+        reason = "means have no samples; state their noise and instability in [data.sd] instead"
         return dict.fromkeys(("white", "bias_instability", "random_walk", "quantisation"), reason)
 
 

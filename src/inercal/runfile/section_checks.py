@@ -116,8 +116,8 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
         off = f"; the difference is {difference}" if height is not None else ""
         return (Finding("note", "gravity", both + off),)
     text = (
-        f"{both}: no gravity anomaly is that large, and the error enters the scale factors; check "
-        "[bench] gravity, latitude and height"
+        f"{both}: no gravity anomaly is that large, and the error affects the scale factors; "
+        "check [bench] gravity, latitude and height"
     )
     return (Finding("warning", "gravity", text),)
 
@@ -127,9 +127,9 @@ def _without_height(section: BenchSection) -> Finding:
     gravity = section_gravity(section)
     low, high = UNKNOWN_HEIGHT
     text = (
-        f"no height is stated: gravity is taken as {gravity.value:.4f} m/s² with u = "
-        f"{1e3 * gravity.sd:.1f} mm/s², which covers {low:.0f} to {high:.0f} m; state [bench] "
-        f"height, and u is {1e3 * COMPUTED_GRAVITY_SD:.1f} mm/s²"
+        f"no height is stated, so gravity is taken as {gravity.value:.4f} m/s² with u = "
+        f"{1e3 * gravity.sd:.1f} mm/s², which covers {low:.0f} to {high:.0f} m; if you state "
+        f"[bench] height, u is only {1e3 * COMPUTED_GRAVITY_SD:.1f} mm/s²"
     )
     return Finding("note", "height", text)
 
@@ -162,8 +162,8 @@ def require_time_offset(section: MethodSection, chosen: Method[Any, Any], sensor
     estimates_delay = chosen.unknown_attitudes and not chosen.follows_rest and has_gyros
     if section.time_offset and not estimates_delay:
         raise InputError(
-            "[method] time_offset: only method multi_position with gyros estimates it; remove "
-            "time_offset",
+            "[method] time_offset: only method multi_position with gyros can estimate it; "
+            "remove time_offset",
             key="[method] time_offset",
         )
 
@@ -192,7 +192,7 @@ def stated_check_standard(
     """
     if section.check_standard is None:
         if section.check_standard_age is not None:
-            raise key_error(_AGE, "needs check_standard; state the file of inercal control")
+            raise key_error(_AGE, "needs check_standard; state the file that inercal control wrote")
         return "", ()
     # Here, for few run files name one.
     from inercal.calibration.check_standard import CHECK_STANDARD, load_check_standard

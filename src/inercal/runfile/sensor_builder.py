@@ -48,7 +48,7 @@ def _require_same_axes(section: SensorSection, columns: tuple[str | int, ...]) -
         raise InputError(f"{key} is missing", key=key)
     if section.accelerometer is not None and not columns:
         raise InputError(
-            f"[data] accelerometer names no columns; name those of the accelerometers, or remove "
+            "[data] accelerometer names no columns; name those of the accelerometers, or remove "
             f"{key}",
             key="[data] accelerometer",
         )
@@ -75,11 +75,12 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
             scale = 1.0 / si_factor(section.unit, quantity)
         except InputError as error:
             raise InputError(
-                f"{key} unit: {error}; or 'LSB' or 'V' with a scale", key=f"{key} unit"
+                f"{key} unit: {error}; 'LSB' and 'V' are possible too, with a scale",
+                key=f"{key} unit",
             ) from None
         if section.scale is not None:
             raise InputError(
-                f"{key} scale: unit {section.unit} has no scale, only LSB and V have; remove scale",
+                f"{key} scale: only LSB and V need a scale, not {section.unit}; remove scale",
                 key=f"{key} scale",
             )
     elif section.scale is None:

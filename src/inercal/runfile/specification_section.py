@@ -77,7 +77,7 @@ def _stated_next_use(
     file, key = section.repeatability, "[specification] repeatability"
     if section.uncertainty == "session":
         if file is not None:
-            raise key_error(key, "only uncertainty = 'next_use' takes a file; state that, or "
+            raise key_error(key, "only uncertainty = 'next_use' uses this file; state that, or "
                                  "remove repeatability")  # fmt: skip
         return None
     if file is None:
@@ -86,8 +86,8 @@ def _stated_next_use(
         found = load_next_use(folder / file)
         if (found.frame, found.form) != terms:
             raise InputError(
-                f"{file}: its frame is {found.frame} and its form {found.form}, not {terms[0]} and "
-                f"{terms[1]}; repeat sessions of this kind"
+                f"{file}: its frame is {found.frame} and its form {found.form}, but this run "
+                f"uses {terms[0]} and {terms[1]}; repeat such sessions"
             )
         found.of(names)
     except InputError as error:
@@ -108,7 +108,7 @@ def _owners(
             elif _rank(word, name) == _rank(other[0], name):
                 raise key_error(
                     f"{_KEY} {word}",
-                    f"{other[0]} limits {name}, too; keep one of both",
+                    f"{other[0]} also limits {name}; keep only one of them",
                     None,
                     (name,),
                 )
@@ -116,7 +116,7 @@ def _owners(
     for word in stated:
         if word not in used:
             raise key_error(
-                f"{_KEY} {word}", "keys for single coefficients replace it everywhere; remove it"
+                f"{_KEY} {word}", "keys for single coefficients override it everywhere; remove it"
             )
     return owners
 
@@ -168,11 +168,11 @@ def _parse_limits(text: str | tuple[str, str], unit: str) -> _Limits:
         lower, upper = _exact(text.lstrip()[1:], unit), inf
     else:
         if _COVERAGE.search(text):
-            raise InputError(f"{text!r}: a limit has no k; remove it")
+            raise InputError(f"{text!r}: a limit does not need k; remove it")
         middle = parse_quantity(f"0 {text}" if _SIGNS.match(text) else text, unit)
         if not middle.sd:
             raise InputError(
-                f'{text!r} is no limit; write "± …", "≤ …", "≥ …" or ["lower", "upper"]'
+                f'{text!r} is not a limit; write "± …", "≤ …", "≥ …" or ["lower", "upper"]'
             )
         lower, upper = middle.value - middle.sd, middle.value + middle.sd
     if not lower < upper or not (isfinite(lower) or isfinite(upper)):
@@ -183,5 +183,5 @@ def _parse_limits(text: str | tuple[str, str], unit: str) -> _Limits:
 def _exact(text: str, unit: str) -> float:
     value = parse_quantity(text.strip(), unit)
     if value.sd:
-        raise InputError(f"{text!r}: a limit has no uncertainty; remove it")
+        raise InputError(f"{text!r}: a limit cannot have an uncertainty; remove it")
     return value.value

@@ -61,8 +61,8 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
         )
     if workers is not None:
         raise InputError(
-            f"--workers {workers}: the cluster at {address} has its own workers; leave one of "
-            "--workers and --scheduler out",
+            f"--workers {workers}: the cluster at {address} has its own workers; give only one "
+            "of --workers and --scheduler",
             key="--workers",
         )
     require_installed("fleet", "a Dask cluster needs distributed", ("distributed",))
@@ -120,7 +120,7 @@ def _connected_client(distributed: Any, address: str) -> Any:
     if isinstance(client, Exception):
         raise InputError(
             f"--scheduler {address}: no Dask scheduler answers ({type(client).__name__}); start "
-            "one by `dask scheduler`, and check address and certificates",
+            "one with `dask scheduler`, and check address and certificates",
             key="--scheduler",
         )
     return client
@@ -216,7 +216,7 @@ class DaskExecutor(TolerantExecutor):
             found: dict[str, Any] = self._client.run(version, "inercal", on_error="return")
         if not found:
             raise InputError(
-                f"--scheduler {address}: the cluster has no worker; start one by `dask worker "
+                f"--scheduler {address}: the cluster has no worker; start one with `dask worker "
                 f"{address}`",
                 key="--scheduler",
             )
@@ -345,13 +345,13 @@ class DaskExecutor(TolerantExecutor):
 
     def _scheduler_lost(self) -> SchedulerLost:
         return SchedulerLost(
-            f"the scheduler at {self._address} has ended; results that are there are kept: start "
-            "it again and run the same command"
+            f"the scheduler at {self._address} has ended; existing results are kept: start it "
+            "again and run the same command"
         )
 
     def _error_of(self, future: Any) -> BaseException:
         if future.status != "error":
-            return WorkerLost(f"the scheduler has dropped the task ({future.status})")
+            return WorkerLost(f"the scheduler dropped the task ({future.status})")
         error: BaseException = future.exception()
         killed: Any = import_module("distributed").KilledWorker
         if not isinstance(error, killed):
@@ -368,7 +368,7 @@ class DaskExecutor(TolerantExecutor):
         self._client.close()
 
 
-_NOT_ITS_FAULT = WorkerLost("its worker was ended for the sake of another task")
+_NOT_ITS_FAULT = WorkerLost("its worker was killed because of another task")
 
 
 def _run_reporting(task: Task, topic: str) -> Any:

@@ -172,7 +172,7 @@ class ProcessExecutor(Executor):
         """Note a failure; tasks after it are dropped, those before it may fail first."""
         if isinstance(failed.error, BrokenProcessPool):
             raise WorkerLost(
-                "a worker process was ended from outside, perhaps for want of memory; try fewer "
+                "a worker process was killed, perhaps because memory ran out; try fewer "
                 "workers, such as --workers 1"
             ) from failed.error
         self._failure = failed

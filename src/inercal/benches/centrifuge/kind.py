@@ -32,7 +32,7 @@ _NONE = Measured(0.0, 0.0)
 def _refuses_budget(bench: Centrifuge, steps: Sequence[Spin]) -> str:
     if bench.platform == "locked":
         return ""
-    return "no budget is computed for a counter-rotating platform; simulate its runs instead"
+    return "a budget cannot be computed for a counter-rotating platform; simulate its runs instead"
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:

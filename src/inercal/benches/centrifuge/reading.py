@@ -63,7 +63,7 @@ def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
     if bench.indexing is not None and bench.platform != "locked":
         raise key_error(
             "[bench] indexing",
-            "on a counter-rotating platform only norms are used; remove the key",
+            "a counter-rotating platform uses only norms; remove the key",
             run.path,
         )
     result = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)

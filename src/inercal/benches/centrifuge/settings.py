@@ -35,7 +35,7 @@ class CentrifugeSection(BenchSection):
         found: dict[str, str] = {}
         if self.platform == "locked":
             found["lean"] = (
-                "on a locked platform the effect of the spindle's lean is zero over whole turns"
+                "on a locked platform the spindle's tilt averages to zero over whole turns"
             )
         if self.indexing is None:
             found["mounting"] = "without indexing only norms are used, which no mounting changes"

@@ -155,8 +155,8 @@ def repeat_visit_warnings(
                     Finding(
                         "warning",
                         "passes",
-                        f"{steps[j].label} and {steps[k].label} are one position, but {channel} "
-                        f"differs by {_format_in_g(size)}, at other positions by "
+                        f"{steps[j].label} and {steps[k].label} are the same position, but "
+                        f"{channel} differs by {_format_in_g(size)}, at other positions by "
                         f"{_format_in_g(limit)}; check these two rows",
                         channel,
                     )

@@ -115,8 +115,9 @@ def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
     face = round(step.angle * n / (2 * pi))
     if not matches_any_angle(step.angle, [2 * pi * face / n]):
         raise InputError(
-            f"position {step.label}: {degrees(step.angle):.6g}° is on no face of a polygon of {n} "
-            f"faces, {360 / n:.4g}° apart; give the certificate of the polygon that was used",
+            f"position {step.label}: {degrees(step.angle):.6g}° is not on a face of a polygon "
+            f"with {n} faces, {360 / n:.4g}° apart; give the certificate of the polygon that "
+            "was used",
             key="polygon",
             names=(step.label,),
         )

@@ -111,7 +111,7 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
 _WANTED = {
     "angle": "give the head's angle or remove the row",
     "level": "give the level's reading or remove the row",
-    "autocollimator": "give its reading, which [bench] autocollimation needs here",
+    "autocollimator": "give its reading, because [bench] autocollimation needs it here",
 }
 
 
@@ -236,7 +236,7 @@ def _missing_trim_positions(
         return ()
     found: list[Finding] = []
     for name, missing in missing_cardinal_angles(steps).items():
-        text = "autocollimation is by pairs, 180° as 0° and 270° as 90° in each pass; "
+        text = "autocollimation works by pairs, 180° as 0° and 270° as 90° in each pass; "
         text += f"{name} has no " + ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
         angles = [step.angle for step in steps]
         if not all(matches_any_angle(angle, angles) for angle in missing):

@@ -59,7 +59,7 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
     text = (
         "Estimated angles of the head minus the stated ones, about their mean, which is not "
         "distinguishable from the mounting of the accelerometers. Bars are ±2 standard "
-        "uncertainties; passes that differ beyond them have an error that is not modelled."
+        "uncertainties; if passes differ by more, there is an error that is not modelled."
     )
     panel = Panel("", "angle of the head, °", series, tuple(range(0, 361, 30)))
     return (

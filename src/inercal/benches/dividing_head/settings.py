@@ -43,7 +43,7 @@ class DividingHeadSection(BenchSection):
             words = 'autocollimation is "none"'
             found |= {"autocollimator": words, "certificate": words}
         elif self.autocollimation == "every":
-            words = 'with autocollimation = "every" the head\'s angle is not used'
+            words = 'autocollimation = "every" does not use the head\'s angle'
             found |= {"harmonics": words, "division": words}
         return found
 

@@ -289,12 +289,12 @@ def _autocollimator_notes(bench: DividingHead, data: DividingHeadData) -> list[s
         )
     if bench.collimated == "pairs" or data.autocollimator is None:
         found.append(
-            "Where the head is trimmed, its scale reads a little off the angle: do not change "
-            "the angle in the table."
+            "If you trim the head, its scale reads slightly off the angle: do not change the "
+            "angle in the table."
         )
     if bench.polygon:
         found.append(
-            "Take the readings as read, and do not add the polygon's certificate: the calibration "
+            "Enter the readings as they are, without the polygon's certificate: the calibration "
             "applies the deviations of its faces."
         )
     return found

@@ -17,8 +17,7 @@ from inercal.recordings.segments.gravity_turns import (
 _BY_READINGS = "the positions were identified by the axis that reads gravity"
 _UNKNOWN = (
     f"{_BY_READINGS}: exchanged columns and reversed axes cannot be detected, because no turns "
-    "between rests were read that exclude them; hold one known axis up and compare, or state the "
-    "marks"
+    "between rests were recorded; hold one known axis up and compare, or state the marks"
 )
 
 
@@ -86,7 +85,7 @@ def positions_note(found: TurnVerdict) -> str:
         return _UNKNOWN
     return (
         f"{_BY_READINGS}, and {found.turns} turns between rests agree with gravity to "
-        f"{degrees(found.misfit):.1f}°, by no other order or signs of the axes; axes of both "
-        "triads that are turned together against the case cannot be detected: hold one known axis "
-        "up and compare, or state the marks"
+        f"{degrees(found.misfit):.1f}°, and with no other order or signs of the axes; if both "
+        "triads are rotated together relative to the case, this cannot be detected: hold one "
+        "known axis up and compare, or state the marks"
     )

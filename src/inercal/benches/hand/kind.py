@@ -52,7 +52,7 @@ class HandSection(BenchSection):
         elif not use.gyros:
             found["turn_on"] = "there are no gyros"
         if not use.turns:
-            words = f"{use.method} has no turns of a known angle"
+            words = f"{use.method} has no turns by a known angle"
             found |= {"turn_angle": words, "turn_tilt": words}
             if not use.gyros or use.attitudes:
                 found["timebase"] = f"without turns, {use.method} does not depend on time"

@@ -61,13 +61,13 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     if run.data.kind == "means":
         raise key_error(
             "[data] kind",
-            f"method {run.method.name} follows samples; give the recording",
+            f"method {run.method.name} needs every sample; give the recording",
             run.path,
         )
     if run.data.marks != "found":
         raise key_error(
             "[data] marks",
-            f"method {run.method.name} takes the whole recording as one rest; remove marks",
+            f"method {run.method.name} treats the whole recording as one rest; remove marks",
             run.path,
         )
     recording, sensor = load_recording(run), run.sensor
@@ -147,8 +147,8 @@ def _require_recordings(run: RunBase[RestsSection], bench: Hand) -> None:
     if bench.turn_on and run.data.kind == "recording" and not is_pattern(run.file(run.data.file)):
         raise key_error(
             "[bench] turn_on",
-            "all sections are of one recording, in which the gyros stay switched on; remove "
-            'turn_on, or name a file for each section, such as file = "*.csv"',
+            "all sections are from one recording, during which the gyros stay switched on; "
+            'remove turn_on, or name a file for each section, such as file = "*.csv"',
             run.path,
         )
 
@@ -228,7 +228,7 @@ def _planned_sections(
     if run.data.marks == "found" and not run.sensor.select_axes("f").axes:
         raise key_error(
             "[data] marks",
-            "gyros alone do not show which axis is up; label the sections and state marks = "
+            "gyros cannot show which axis is up; label the sections and state marks = "
             '"labels", or name a file of marks',
             run.path,
         )
@@ -238,7 +238,7 @@ def _planned_sections(
         marks, missing, note = found.marks, found.findings + odd, positions_note(axes)
         if not marks:
             raise InputError(
-                f"{recording.source}: no rest agrees with a position of the plan, "
+                f"{recording.source}: no rest matches a position of the plan, "
                 f"{', '.join(labels)}: {found.words}; mark the sections, or correct the plan",
                 file=run.file(run.data.file),
                 names=tuple(labels),

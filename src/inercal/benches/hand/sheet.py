@@ -62,11 +62,11 @@ def _operator_notes(run: RunBase[RestsSection], *, turns: bool) -> tuple[str, ..
     ]
     if turns:
         found.append(
-            "A turn begins and ends at rest, its axis up; take its duration and the means of all "
-            "axes from rest to rest. A positive angle is counter-clockwise seen from above."
+            "A turn begins and ends at rest, its axis up; note its duration and all means from "
+            "rest to rest. A positive angle is counter-clockwise seen from above."
         )
     if run.method.unknown_attitudes:
-        found.append("Attitudes may differ from those of the plan.")
+        found.append("The attitudes may differ from those in the plan.")
     return (*found, "The order is free.")
 
 

@@ -86,7 +86,7 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
             raise InputError(f"{KEY}: {error}", key=KEY, names=(text,)) from None
         if each[-1].withdrawn:
             raise InputError(
-                f"{KEY}: {text} was withdrawn, {each[-1].withdrawn}: qualify the bench anew",
+                f"{KEY}: {text} was withdrawn, {each[-1].withdrawn}: qualify the bench again",
                 key=KEY,
                 names=(text,),
             )
@@ -101,8 +101,8 @@ def _join(each: Sequence[Qualification], files: Sequence[str]) -> QualifiedParam
             other = owner.setdefault(one.name, (k, one))
             if other[1].determination != one.determination:
                 raise InputError(
-                    f"{KEY}: {one.name} is in {files[other[0]]} and in {files[k]}, of different "
-                    "determinations; name one of them",
+                    f"{KEY}: {one.name} is in {files[other[0]]} and in {files[k]}, from "
+                    "different determinations; name only one of them",
                     key=KEY,
                     names=(one.name,),
                 )
@@ -183,8 +183,8 @@ def require_parameters(bench: Any, used: UsedQualifications) -> None:
         alone = np.count_nonzero(covariance[k]) == 1
         if one.scope != "run" and not (alone and used.parameters.value[k] == 0):
             raise InputError(
-                f"{KEY}: {name} is new in each {one.scope}: a qualification can state its standard "
-                "deviation, no value and no correlation",
+                f"{KEY}: {name} changes with each {one.scope}: a qualification can state its "
+                "standard deviation, but no value and no correlation",
                 key=KEY,
                 names=(name,),
             )

@@ -97,10 +97,12 @@ def _bench_kind(head: QualificationSection) -> str:
     key = "[qualification] bench"
     if head.kind == "gravity":
         if head.bench or head.name:
-            raise key_error(key, "gravity belongs to the place, for all benches; remove bench")
+            raise key_error(key, "gravity is the same for all benches at a place; remove bench")
         return ANY_BENCH
     if head.bench not in KINDS:
-        raise key_error(key, f"{head.bench!r} is no kind of bench; give one of {', '.join(KINDS)}")
+        raise key_error(
+            key, f"{head.bench!r} is not a kind of bench; give one of {', '.join(KINDS)}"
+        )
     return head.bench
 
 

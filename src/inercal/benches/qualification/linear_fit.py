@@ -105,7 +105,7 @@ def linear_fit(
     if not suspects and fit.p_value < level - of_terms:
         words = (
             f"χ² is {chi2:.4g} with {dof} degrees of freedom: the noise is larger than stated, "
-            "or the model lacks something"
+            "or the model is incomplete"
         )
         fit = replace(fit, suspects=(words,))
     if fit.p_value < _ENLARGING_LEVEL:

@@ -142,7 +142,7 @@ def load(path: str | Path) -> Qualification:
     plain = {key: value for key, value in content.items() if key != "sha256"}
     if _digest(plain) != read.sha256:
         raise InputError(
-            f"{path}: changed since it was written: its sha256 does not fit; qualify anew",
+            f"{path}: changed since it was written: its sha256 does not match; qualify again",
             file=path,
         )
     names = tuple(one.name for one in read.parameters)

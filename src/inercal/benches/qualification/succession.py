@@ -64,8 +64,8 @@ def drift_between(earlier: Qualification, later: Qualification) -> tuple[Paramet
     years = (later.date - earlier.date).days / YEAR
     if years <= 0:
         raise InputError(
-            f"the qualifications are of {earlier.date} and {later.date}: give two of different "
-            "days, the earlier first"
+            f"the qualifications are from {earlier.date} and {later.date}: give two from "
+            "different days, the earlier first"
         )
     found: list[ParameterDrift] = []
     for k, one in enumerate(later.parameters):
@@ -82,5 +82,5 @@ def drift_between(earlier: Qualification, later: Qualification) -> tuple[Paramet
             ParameterDrift(one.name, one.unit, difference, variance**0.5, walk, upper, after)
         )
     if not found:
-        raise InputError("the qualifications have no common parameter that both determined")
+        raise InputError("the qualifications have no parameter that both determined")
     return tuple(found)

@@ -207,7 +207,7 @@ class RatePlatform:
     def _require_stated(self, steps: Sequence[PlatformStep], gyros: bool, by_force: bool) -> None:
         needed: dict[str, str] = {}
         rates, turns = _turning(steps) if gyros else ([], [])
-        text = "it shows in no residual, so that it must be stated"
+        text = "it does not show in the residuals, so it must be stated"
         if rates:
             needed |= dict.fromkeys(("rate_scale", "rate_asymmetry", "rate_stability"), text)
         if turns:
@@ -215,10 +215,10 @@ class RatePlatform:
         if (rates or turns) and by_force:
             needed["arm"] = "the sensitivity to acceleration senses the centripetal one"
         if any(isinstance(step, RateDwell) for step in steps):
-            needed["setting"] = "misalignments are known no better than the axis in the case"
+            needed["setting"] = "misalignments cannot be known better than the axis in the case"
         if any(isinstance(step, Pose) for step in steps):
-            needed["attitude"] = "scale factors and misalignments are known no better"
-            needed["mounting"] = "misalignments are known no better than the mounting"
+            needed["attitude"] = "scale factors and misalignments cannot be known better"
+            needed["mounting"] = "misalignments cannot be known better than the mounting"
         for name, reason in needed.items():
             if self.deviation(name) is None:
                 raise _missing(name, STATED[name].example, reason)
@@ -226,8 +226,8 @@ class RatePlatform:
         if self.angle_reading and unknown:
             key = "[data] seconds"
             raise InputError(
-                f"{key} is missing: [bench] angle_reading is of the angle of a dwell, whose "
-                f"duration {unknown[0]} lacks; name the column of durations",
+                f"{key} is missing: [bench] angle_reading is the error of a dwell's angle, but "
+                f"{unknown[0]} has no duration; name the column of durations",
                 key=key,
                 names=unknown,
             )

@@ -57,7 +57,7 @@ def require_rates(
         if most != own[k] and abs(read[k, most]) > 2 * abs(read[k, own[k]]):
             _refuse_row(run, steps[k], f"{names[most]} reads most of it, not {names[own[k]]}")
         if one < -_CLEAR * ratio:
-            text = f"{names[own[k]]} reads it with the other sign"
+            text = f"{names[own[k]]} reads it with the opposite sign"
             _refuse_row(run, steps[k], text)
     if not _USABLE[0] < ratio < _USABLE[1]:
         _refuse_unit(run, ratio)
@@ -89,9 +89,9 @@ def _refuse_unit(run: RunBase[RatePlatformData], ratio: float) -> None:
         if abs(ratio / factor - 1) < _NEAR:
             raise key_error(
                 "[data] table_rate_unit",
-                f"by the gyros the rates are {factor:.4g} times as large: in {unit}, not in "
-                f'{run.data.table_rate_unit}; state table_rate_unit = "{unit}", or correct the '
-                "unit in [sensor.gyro]",
+                f"according to the gyros, the rates are {factor:.4g} times as large: in {unit}, "
+                f'not in {run.data.table_rate_unit}; state table_rate_unit = "{unit}", or '
+                "correct the unit in [sensor.gyro]",
                 run.path,
                 (unit,),
             )
@@ -132,8 +132,8 @@ def require_steady(
                 where = f"section {mark.label} ({recording.where(mark.start)})"
                 raise InputError(
                     f"{recording.source}: {where}: the rate that {axis.name} reads changes by "
-                    f"{np.degrees(change):.3g} °/s from the first half to the second; label the "
-                    "steady part alone",
+                    f"{np.degrees(change):.3g} °/s from the first half to the second; label "
+                    "only the steady part",
                     names=(mark.label,),
                 )
 

@@ -76,7 +76,7 @@ def _refuse_unused_errors(
         if bench.deviation(name) is not None and not own & names:
             raise key_error(
                 f"[bench] {name}",
-                "no section and no coefficient of this run depends on it; remove the key",
+                "nothing in this run depends on it; remove the key",
                 run.path,
             )
 
@@ -154,7 +154,7 @@ def _step(
         )
 
     if cell("axis") and (cell("roll") or cell("pitch")):
-        raise refuse("axis", "names the axis of a rate, and the row has angles of a pose; keep one")
+        raise refuse("axis", "names the axis of a rate, but the row has angles of a pose; keep one")
     if not cell("axis"):
         if "roll" not in columns:
             raise refuse("axis", "is empty; name the case axis that is up, such as x or -x")
@@ -168,10 +168,10 @@ def _step(
         raise refuse("axis", f"is {cell('axis')!r}; name the case axis that is up, such as x or -x")
     if cell("turn"):
         if cell("table_rate"):
-            raise refuse("turn", "has the angle of a turn, and the row has a rate; keep one")
+            raise refuse("turn", "has the angle of a turn, but the row has a rate; keep one")
         angle = _number(cell("turn"), lambda text: refuse("turn", text)) * data.angle_size
         if not seconds > 0:
-            raise refuse("seconds", "has no duration above 0, which a turn needs")
+            raise refuse("seconds", "needs a duration above 0 for the turn")
         return KnownTurn(turn_label(axis, angle), axis, angle / seconds, seconds, cell("setting"))
     rate = _number(cell("table_rate"), lambda text: refuse("table_rate", text)) * data.rate_size
     if "setting" in columns and not cell("setting"):
@@ -211,7 +211,9 @@ def _marked_sections(
     if data.marks == "labels" or is_pattern(run.file(data.file)):
         if data.sections is not None:
             raise key_error(
-                "[data] sections", "the labels say what the sections are; remove sections", run.path
+                "[data] sections",
+                "the labels already name the sections; remove sections",
+                run.path,
             )
         marks = marks_from_labels(recording)
         spans = [recording.span(mark.start, mark.stop) for mark in marks]

@@ -220,8 +220,8 @@ def settled(
 def _nothing_left(recording: Recording, mark: Mark, settle: float) -> InputError:
     lasts = recording.span(mark.start, mark.stop)
     return InputError(
-        f"{recording.source}: section {mark.label} lasts {format_duration(lasts)}, of which "
-        f"settle = {settle:g} s leaves nothing; record longer sections, or state a shorter time",
+        f"{recording.source}: section {mark.label} lasts {format_duration(lasts)}, and nothing "
+        f"remains after settle = {settle:g} s; record longer sections, or state a shorter time",
         key="[data] settle",
         names=(mark.label,),
     )

@@ -74,7 +74,7 @@ class RatePlatformData(DataSection):
     )
     settle: str | None = Field(
         None,
-        description="of a recording: time left out at the beginning of each section",
+        description="of a recording: time to skip at the beginning of each section",
         examples=["2 s"],
     )
 

@@ -56,7 +56,7 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
         tuple(rows),
         (
             "A positive rate is counter-clockwise seen from above.",
-            "Begin each section of a setting at one azimuth, and take the mean over whole turns.",
+            "Begin each section of a setting at the same azimuth; average over whole turns.",
             "Keep a setting for all its rates: the axis in the case must not change.",
             "Remove the row of a failed section from the file.",
         ),

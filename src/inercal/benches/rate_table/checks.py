@@ -67,7 +67,7 @@ def _refuse_unit(run: RunBase[RateTableData], off: Callable[[float], float]) -> 
         if off(si_factor(unit, "rad/s") / given) < _OFF / 2:
             raise key_error(
                 "[data] arm_rate_unit",
-                f"by the norms of the readings the rates are in {unit}, not in "
+                f"according to the norms of the readings, the rates are in {unit}, not in "
                 f'{run.data.arm_rate_unit}; state arm_rate_unit = "{unit}"',
                 run.path,
                 (unit,),

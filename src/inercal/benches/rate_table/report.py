@@ -50,7 +50,7 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
             "speeds",
             "Deviations of each axis by speed, as read and corrected",
             "Readings of each axis minus the nominal motion of the state, before and after "
-            "correction. An error that is equal at all speeds of a mounting is that of its angles.",
+            "correction. An error common to all speeds of a mounting comes from its angles.",
             "reading − nominal, mg",
             panels,
         ),

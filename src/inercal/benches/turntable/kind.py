@@ -61,7 +61,7 @@ def _split_flicker(
 
 def _refuses_budget(bench: Turntable, steps: Sequence[TableStep]) -> str:
     return (
-        "a budget is of means, but the filters of a turntable use every sample; inercal plan "
+        "a budget needs means, but the filters of a turntable use every sample; inercal plan "
         "turntable-kalman prints the uncertainties of a path"
     )
 

@@ -66,7 +66,7 @@ def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
         try:
             steps.append(_parse_step(cells, size, axes))
             if label in words["label"][:row]:
-                raise _cell_error("label", f"label {label!r} is in an earlier row too; change it")
+                raise _cell_error("label", f"label {label!r} is also in an earlier row; change it")
         except InputError as error:
             where = f"{path.name} {table.place(row)}"
             raise error.located(where, file=path, line=table.line(row)) from None
@@ -179,7 +179,7 @@ def path_plan(
     name = options.get("path")
     if name is None or name in PATHS:
         if len(bench.axes) != _AXES:
-            text = f"{name or next(iter(PATHS))} is of three axes, but this table has "
+            text = f"{name or next(iter(PATHS))} needs three axes, but this table has "
             return partial(
                 _refuse_plan, f"path: {text}{len(bench.axes)}; name a file with its steps"
             )
@@ -192,7 +192,7 @@ def path_plan(
             names=(name,),
         )
     if "seconds" in options:
-        raise key_error("[method] seconds", f"{name} gives the durations; remove the key")
+        raise key_error("[method] seconds", f"{name} already gives the durations; remove the key")
     return partial(read_path, file, bench.names)
 
 

@@ -8,9 +8,7 @@ from inercal.calibration.comparison.run_to_run import RunToRun
 from inercal.calibration.grade import GRADE_WORDS
 from inercal.calibration.suspect_text import p_value_text
 
-SHARED_NOTE = (
-    "errors that both state to share cancel in the difference: E_n and χ² do not hold them"
-)
+SHARED_NOTE = "errors that both share cancel in the difference, so E_n and χ² do not include them"
 INDEPENDENCE_NOTE = (
     "errors that calibrations share, such as those of the bench, are treated as independent: E_n "
     "and χ² are then too small, and only larger changes are detected"
@@ -18,8 +16,8 @@ INDEPENDENCE_NOTE = (
 
 _CHANCE = 0.05  # of a joint test
 RUN_TO_RUN_NOTE = (
-    "E_n and χ² hold no scatter from one power cycle, day or mounting to the next: inercal repeat "
-    "states it from several calibrations, and --repeatability (compare, store diff) judges by it"
+    "E_n and χ² do not include scatter between power cycles, days or mountings: inercal repeat "
+    "estimates it from several calibrations, and --repeatability (compare, store diff) uses it"
 )
 
 
@@ -47,11 +45,13 @@ def comparison_lines(compared: Comparison) -> list[str]:
     """Return the results of a comparison, line by line."""
     first, second = compared.first.sensor.name, compared.second.sensor.name
     lines = (
-        [f"the calibrations are of two sensors: {first} and {second}"] if first != second else []
+        [f"the calibrations are of different sensors: {first} and {second}"]
+        if first != second
+        else []
     )
     if compared.same_recording:
         lines.append(
-            "both are of the same recording and share its errors: E_n shows no change of the sensor"
+            "both are from the same recording and share its errors: E_n cannot show a change"
         )
     return [*lines, *_test_lines(compared), *(f"left out: {one}" for one in compared.exclusions)]
 
@@ -59,9 +59,9 @@ def comparison_lines(compared: Comparison) -> list[str]:
 def _test_lines(compared: Comparison) -> list[str]:
     """Return the results of E_n and χ², and which uncertainties they take."""
     if not compared.states_uncertainty:
-        return ["neither calibration states uncertainties: there is no E_n and no test of a change"]
+        return ["neither calibration states uncertainties, so E_n and χ² cannot be calculated"]
     lines = [
-        f"the {word} calibration states no uncertainties: E_n and χ² take only those of the other"
+        f"the {word} calibration states no uncertainties, so E_n and χ² use only those of the other"
         for word, one in (("first", compared.first), ("second", compared.second))
         if not one.states_uncertainty
     ]
@@ -76,9 +76,9 @@ def _test_lines(compared: Comparison) -> list[str]:
 def run_to_run_lines(found: RunToRun) -> list[str]:
     """Return which differences exceed the ordinary scatter from run to run, and which do not."""
     lines = [
-        f"beyond the ordinary scatter from run to run ({found.source}): "
-        f"{', '.join(found.beyond) or 'none'} of {len(found.names)}; chance gives about "
-        f"{found.expected_exceedances:.2g}"
+        f"beyond the usual scatter from run to run ({found.source}): "
+        f"{', '.join(found.beyond) or 'none'} of {len(found.names)}. About "
+        f"{found.expected_exceedances:.2g} would be expected by chance."
     ]
     if found.within:
         lines.append(f"|E_n| > 1, but within that scatter: {', '.join(found.within)}")
@@ -95,6 +95,4 @@ def repeatability_lines(exceedances: int, joint: JointTest | None) -> list[str]:
 
 def exceedance_text(beyond: int, of: int, by_chance: float) -> str:
     """Return how many coefficients changed, and how many would by chance."""
-    return (
-        f"|E_n| > 1 (*) in {beyond} of {of}; without any change chance gives about {by_chance:.2g}"
-    )
+    return f"|E_n| > 1 (*) in {beyond} of {of}. About {by_chance:.2g} would be expected by chance."

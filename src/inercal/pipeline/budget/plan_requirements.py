@@ -33,7 +33,7 @@ def require_budget_plan(bench: Bench, steps: Sequence[Step]) -> MeanBench:
             key="[bench] kind",
         )
     if not steps:
-        raise InputError("the plan has no steps, which a budget needs; add steps", key="steps")
+        raise InputError("a budget needs a plan with steps; add steps", key="steps")
     if any(isinstance(step, Spin) and step.attitude is None for step in steps):
         raise InputError(
             "a budget needs a plan with attitudes, and a table of means states no attitudes; state "

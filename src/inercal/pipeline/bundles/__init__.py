@@ -78,8 +78,8 @@ def write_bundle(run_file: Path, calibration_file: Path, target: Path) -> list[s
         stated = calibration.provenance.get(f"{what} sha256", "")
         if path.is_file() and stated != file_sha256(path):
             raise InputError(
-                f"{calibration_file}: the calibration is of another {what} than {path}; calibrate "
-                "anew, or give the files that it came from",
+                f"{calibration_file}: the calibration is from another {what} than {path}; "
+                "calibrate again, or give the files that it came from",
                 file=calibration_file,
                 names=(str(path),),
             )
@@ -157,8 +157,8 @@ def _extract(path: Path, folder: Path) -> dict[str, Any]:
             need = sum(one["bytes"] for one in manifest["files"].values())
             if need > shutil.disk_usage(folder).free:
                 raise InputError(
-                    f"{path}: its files take {need / 1e9:.1f} GB, more than is free in {folder}; "
-                    "set TMPDIR to a folder with room",
+                    f"{path}: its files take {need / 1e9:.1f} GB, more than is free in {folder}"
+                    "; set TMPDIR to a folder with more space",
                     file=path,
                 )
             for name, one in manifest["files"].items():
@@ -177,7 +177,7 @@ def _extract(path: Path, folder: Path) -> dict[str, Any]:
 
 def _manifest(archive: ZipFile, path: Path) -> dict[str, Any]:
     other = InputError(
-        f"{path}: no bundle of inercal: it has no {MANIFEST} of {SCHEMA}; give a file that "
+        f"{path}: not an inercal bundle: it has no {MANIFEST} of {SCHEMA}; give a file that "
         "`inercal bundle` wrote",
         file=path,
     )

@@ -106,7 +106,9 @@ def search_path(
         if cost < best:
             best, turns = cost, changed
     if best == inf:
-        raise NotObserved("no path that was tried determines all coefficients", (), names=())
+        raise NotObserved(
+            "none of the paths that were tried determines all coefficients", (), names=()
+        )
     before = _cost(run, run.table_steps)
     return FoundPath(_steps(turns, rest), exp(best - before), trials)
 

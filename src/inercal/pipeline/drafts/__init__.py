@@ -113,7 +113,7 @@ class Draft:
             "Drafted by inercal init. Every line gives its reason; change what is wrong.",
             "",
             *self.facts,
-            "Methods that these data support, and what became of them when tried:",
+            "Methods that these data support, and the result of trying each:",
             *(f"  {trial.text}" for trial in self.trials),
             "",
             f"  inercal calibrate {self.path.name}",
@@ -197,7 +197,7 @@ def draft_run_file(
         )
     reason = "the first of the above that fits"
     if found.questions:
-        reason = "not tried yet: inercal init with the answers tries all of the above"
+        reason = "not tried yet: inercal init tries all of the above once it has the answers"
     defaults = default_bench_keys(as_sections(entries), found.method.name)
     keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
     keys += [
@@ -253,7 +253,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if {"axis", "arm_rate"} <= roles.single.keys() and roles.triads:
         raise InputError(
             f"{log}: columns {roles.single['axis']} and {roles.single['arm_rate']} fit method "
-            "rates_and_poses, whose table has errors that only you can state: begin with its "
+            "rates_and_poses, but only you can state the errors of its table: start from its "
             "example, examples/rate_platform",
             file=log,
             names=("rates_and_poses",),
@@ -264,7 +264,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if not candidates:
         raise InputError(
             f"{log}: no method fits {len(roles.triads['accelerometer'])} accelerometer columns "
-            f"with {', '.join(roles.single) or 'nothing'} beside them; see inercal show {log}",
+            f"with {', '.join(roles.single) or 'nothing'} besides; see inercal show {log}",
             file=log,
         )
     return candidates
@@ -292,8 +292,8 @@ def _second_table(
         return None
     if len(logs) > 2:
         raise InputError(
-            f"{len(logs)} files: give one recording, or the file of the accelerometers and that of "
-            "the gyros",
+            f"{len(logs)} files: give one recording, or one file with the accelerometers and "
+            "one with the gyros",
             names=tuple(map(str, logs)),
         )
     second = _read(logs[1], values)
@@ -301,8 +301,8 @@ def _second_table(
     found = recognise_columns(second, stated=stated_gyros(values, second)).triads
     if "gyro" not in found or "gyro" in roles.triads or rows != others:
         raise InputError(
-            f"{logs[1]} is not the gyros' file of {logs[0]}: {others} rows to {rows}, and no gyros "
-            "that the first file lacks; draft a run file of each",
+            f"{logs[1]} is not the gyros' file for {logs[0]}: it has {others} rows, not {rows}, "
+            "or no gyros that the first file lacks; draft a run file for each",
             file=logs[1],
         )
     return second
@@ -366,7 +366,7 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
     if "bench.latitude" in stated:
         known.pop("bench.gravity", None)
         if "bench.height" not in stated:
-            reason = "as stated; without height gravity is that of 0 to 2000 m: state height too"
+            reason = "as stated; without a height, gravity covers 0 to 2000 m: state height too"
             known["bench.latitude"] = replace(known["bench.latitude"], reason=reason)
     return tuple(known.values())
 

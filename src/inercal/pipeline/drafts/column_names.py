@@ -113,7 +113,7 @@ def named_triads(
     for kind, pattern in _STEMS.items():
         for found in _groups_of_kind(groups, pattern):
             if kind in triads:
-                reasons[kind] += f"; {', '.join(found.values())} are left out"
+                reasons[kind] += f"; {', '.join(found.values())} are not used"
                 continue
             triads[kind] = tuple(found[k] for k in range(len(_AXES)))
             reasons[kind] = "by their names"

@@ -106,12 +106,12 @@ def recognise_columns(
     if "time" in single and (unit := time_unit(single["time"])) and table.header:
         units["time"] = unit
     if "label" not in single and texts and texts[0] not in single.values():
-        single["label"], reasons["label"] = texts[0], "the column of text"
+        single["label"], reasons["label"] = texts[0], "the only column of text"
     if reader in _LOGS:
         units = {kind: unit for kind, unit in _SI.items() if kind in triads}
     left = tuple(name for name in free if role_of_name(name) is None)[:2]
     if "accelerometer" not in triads and left and single.keys() & {"angle", "arm_rate"}:
-        triads["accelerometer"], reasons["accelerometer"] = left, "the columns that are left"
+        triads["accelerometer"], reasons["accelerometer"] = left, "the remaining columns"
     means = reader not in _LOGS and rows < FEWEST_SAMPLES
     return ColumnRoles(
         {kind: triads[kind] for kind in _TRIADS if kind in triads},
@@ -204,12 +204,12 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     free = [name for name in numbers if name not in used]
     example = free if len(free) >= 3 else list(numbers)
     given = [int(n) if n.isdecimal() else n for n in example[:3]]
-    only = " the gyros alone were recognised;" if "gyro" in roles.triads else ""
+    only = " only the gyros were recognised;" if "gyro" in roles.triads else ""
     listed = ", ".join(map(shorten, table.names[:_MOST_LISTED]))
     error = UnknownAccelerometers(
-        f"{log}: neither names nor values tell which columns are the accelerometers;{only} "
-        f"the columns are {listed}{', …' * (len(table.names) > _MOST_LISTED)}. State those of "
-        f"x, y and z, as in --set data.accelerometer='{dumps(given, ensure_ascii=False)}'",
+        f"{log}: neither names nor values show which columns are the accelerometers;{only} the "
+        f"columns are {listed}{', …' * (len(table.names) > _MOST_LISTED)}. State those of x, y "
+        f"and z, as in --set data.accelerometer='{dumps(given, ensure_ascii=False)}'",
         file=log,
         names=table.names[:_MOST_LISTED],
     )

@@ -144,7 +144,7 @@ def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Seq
         changes = [name_columns(one, columns) for one in axis_changes(turns)]
         first, last = triple[0], triple[-1]
         text = (
-            f"{first} to {last} look like gyros, but do not agree with gravity in "
+            f"{first} to {last} look like gyros, but disagree with gravity in "
             f"{format_count(len(turns.angles), 'turn')} between rests"
         )
         return text + f"; they agree if {', or if '.join(changes)}" * bool(changes)
@@ -183,7 +183,7 @@ def aligned_triads(
 def value_reason(kind: str) -> str:
     """Return by what a triad is recognised."""
     return (
-        "their readings at rest differ from attitude to attitude"
+        "their readings at rest change with the attitude"
         if kind == "accelerometer"
         else "their readings at rest are the same in all attitudes"
     )

@@ -62,7 +62,7 @@ def run_file_text(entries: tuple[DraftKey, ...], head: tuple[str, ...]) -> str:
         lines += ["", f"[{section}]"]
         for entry in found:
             text = f"{entry.key} = {_toml(entry.value)}"
-            reason = "please tell: " + entry.ask if entry.value == UNKNOWN else entry.reason
+            reason = "please state: " + entry.ask if entry.value == UNKNOWN else entry.reason
             lines.append(f"{text}  # {_one_line(reason)}" if reason else text)
     return "\n".join(lines) + "\n"
 

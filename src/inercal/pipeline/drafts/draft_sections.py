@@ -66,7 +66,7 @@ def clock_keys(
     stamps = column.astype(np.float64)
     step = float(np.median(np.diff(stamps)))
     if step == 1.0 and np.all(stamps == np.rint(stamps)):
-        counter = DraftKey("data", "time_unit", "sample", "its steps are 1: it counts samples")
+        counter = DraftKey("data", "time_unit", "sample", "its steps are 1, so it counts samples")
         return by_rate, (entry, counter, rate_key)
     unit = roles.units.get("time") or next(
         (one for one in _TIME_UNITS if _RATES[0] <= 1 / (step * si_factor(one)) <= _RATES[1]), "s"
@@ -178,11 +178,11 @@ def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
     entries = [] if bench == "hand" else [DraftKey("bench", "kind", bench, "by the columns")]
     if bench == "turntable":
         return (*entries, DraftKey("bench", "latitude", UNKNOWN, "", 'latitude, such as "48.1 °"'))
-    reason = "anywhere near sea level: state latitude and height instead for less uncertainty"
+    reason = "valid anywhere near sea level: state latitude and height instead for less uncertainty"
     entries.append(DraftKey("bench", "gravity", _ANYWHERE, reason))
     if bench in ("centrifuge", "rate_table"):
         text = UNKNOWN if radius is None else format_quantity(radius, 0.02 * radius, "m")
-        reason = "from the norms and the rates: state what was measured"
+        reason = "estimated from the norms and the rates: state your measured value"
         ask = 'the radius of the arm with its uncertainty, such as "1 m ± 0.1 mm"'
         entries.append(DraftKey("bench", "radius", text, reason, ask))
     return tuple(entries)
@@ -221,7 +221,7 @@ def data_keys(
 
     entries = [DraftKey("data", "file", file(logs[0]))]
     if roles.means:
-        entries.append(DraftKey("data", "kind", "means", "few rows without a clock"))
+        entries.append(DraftKey("data", "kind", "means", "few rows, and no column of times"))
     if len(logs) > 1:
         entries.append(DraftKey("data", "gyro_file", file(logs[1])))
     for kind, columns in roles.triads.items():

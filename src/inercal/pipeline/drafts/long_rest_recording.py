@@ -108,8 +108,8 @@ def open_long_rest_recording(
         return None
     if stated.get("data.nonfinite", "refuse") != "refuse":
         raise InputError(
-            f"{log}: a recording of {table.rows:.2g} rows is analysed in blocks, where rows that "
-            "are not finite are refused: leave data.nonfinite out",
+            f"{log}: a recording of {table.rows:.2g} rows is analysed in blocks, which cannot "
+            "drop rows that are not finite: remove data.nonfinite",
             key="data.nonfinite",
         )
     return LongRestRecording(table, rest_layout(log, table.head(), stated))
@@ -127,8 +127,8 @@ def _finite(blocks: Iterator[Array], source: str) -> Iterator[Array]:
         bad = np.flatnonzero(~np.isfinite(block).all(axis=1))
         if bad.size:
             raise InputError(
-                f"{source} row {row + int(bad[0]) + 1}: a value is missing or not finite; remove "
-                "the row: it is then a gap",
+                f"{source} row {row + int(bad[0]) + 1}: a value is missing or not finite; "
+                "remove the row, which is then treated as a gap",
                 file=source,
             )
         row += len(block)
@@ -157,8 +157,8 @@ class _Clock:
         spread = 1.4826 * float(np.median(np.abs(steps[plain] - np.median(steps[plain]))))
         if spread > JITTER * middle:
             raise InputError(
-                f"{source}: the times jitter by more than {JITTER:g} of the sampling interval, and "
-                "the recording is too long to be averaged by time: analyse parts of it",
+                f"{source}: the times jitter by more than {JITTER:g} of the sampling interval, "
+                "and the recording is too long to average by time: analyse parts of it",
                 file=source,
             )
         self.dt = float(steps[plain].mean())
@@ -210,7 +210,7 @@ class _Clock:
         share = self._closed / (self._rows + self._closed)
         if share > LOST_SHARE:
             raise InputError(
-                f"{self._source}: {100 * share:.2g} % of the samples are lost one by one, and at "
+                f"{self._source}: {100 * share:.2g} % of the samples were lost singly, and at "
                 f"most {100 * LOST_SHARE:g} % can be closed up: record without losses",
                 file=self._source,
             )

@@ -124,8 +124,8 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     """
     if not means.any():
         raise InputError(
-            "the accelerometers read 0 at rest: check that the sensor is connected and awake, and "
-            "that these are its columns",
+            "the accelerometers read 0 at rest: check that the sensor is connected and awake, "
+            "and that the columns are right",
             key="data.accelerometer",
         )
     centre, radius = sphere(means)
@@ -195,7 +195,7 @@ def guess_from_turned_axis(force: Array) -> GuessedReadout:
 
 
 def _counts_per_g(plain: float, reason: str) -> GuessedReadout:
-    text = f"{reason}; the unit may be V or mA: it is called LSB here"
+    text = f"{reason}; the unit may also be V or mA, but is called LSB here"
     return GuessedReadout("LSB", f"{plain:.4g} LSB/g", 0.0, G0 / float(f"{plain:.4g}"), text)
 
 
@@ -271,7 +271,9 @@ def guess_gyro(
         likely = [unit for unit, rate in rates.items() if _LIKELY[0] < rate < _LIKELY[1]]
         if len(likely) == 1:
             (unit,) = likely
-            text = f"{reason} at about {rates[unit]:.3g} Hz; in another unit at no likely rate"
+            text = (
+                f"{reason} at about {rates[unit]:.3g} Hz; another unit would need an unlikely rate"
+            )
             return GuessedReadout(unit, "", 0.0, _GYRO_UNITS[unit], text, rate_hz=rates[unit])
     if size is None or dt is None:
         known_with = "with the rate, --set data.rate, inercal init finds it"

@@ -64,9 +64,9 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         if error.key != _TOO_LONG:
             raise
         raise InputError(
-            f"{log}: it is damaged, or too long to be read at once. A log of any length is "
-            "analysed in blocks where it is plain text, Parquet, .npz or HDF5 and all its columns "
-            "are numbers, the time in seconds: convert it, or give a part of it",
+            f"{log}: it is damaged, or too long to be read at once. A log of any length can be "
+            "analysed if it is plain text, Parquet, .npz or HDF5 and all its columns are "
+            "numbers, with the time in seconds: convert it, or give a part of it",
             file=log,
             key=_TOO_LONG,
         ) from error
@@ -105,8 +105,8 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     roles = recognise_columns(table, detect_reader(log).name, columns)
     if not roles.triads:
         raise InputError(
-            f"{log}: no accelerometers and no gyros are recognised among "
-            f"{', '.join(table.names)}: {_what_to_state(table, roles)}",
+            f"{log}: no accelerometers or gyros were recognised among {', '.join(table.names)}: "
+            f"{_what_to_state(table, roles)}",
             file=log,
             key="data.accelerometer",
         )
@@ -194,8 +194,8 @@ def _readout(
         example = "rad/s" if kind == "gyro" else "m/s²"
         counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
         raise InputError(
-            f'{log}: the unit of the {kind}s is not known: --set "{key}.unit={example}", or of '
-            f'counts --set "{key}.scale={counts}"',
+            f'{log}: the unit of the {kind}s is unknown: state it with --set "{key}.unit='
+            f'{example}", or of counts --set "{key}.scale={counts}"',
             file=log,
             key=f"{key}.unit",
         )
@@ -216,7 +216,7 @@ def _columns(
     counted = keys.get("time_unit") == "sample" or "time" not in keys
     if counted and "data.rate" not in stated:
         raise InputError(
-            f'{log}: the rate of the samples is not known: --set "data.rate=100 Hz"',
+            f'{log}: the sampling rate is unknown: state it with --set "data.rate=100 Hz"',
             file=log,
             key="data.rate",
         )

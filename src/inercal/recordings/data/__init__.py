@@ -92,13 +92,12 @@ class DataSection(Section):
             )
         if self.gyro_time is not None and not (timed and self.kind == "recording"):
             raise ValueError(
-                "gyro_time is for recordings with a column of times: state time, or remove "
-                "gyro_time"
+                "gyro_time works only with a column of times: state time, or remove gyro_time"
             )
         if self.kind == "means" and self.gyro_file is not None:
             raise ValueError(
-                "gyro_file is for recordings: write the means of all axes in a single table and "
-                "remove gyro_file"
+                "gyro_file is only for recordings: write the means of all axes in a single "
+                "table and remove gyro_file"
             )
         signed = [c for c in (*self.accelerometer, *self.gyro) if str(c).startswith("-")]
         if self.kind == "means" and signed:
@@ -295,8 +294,8 @@ class RunBase(Generic[D]):
         """
         if "\0" in name:
             raise InputError(
-                f"{self.path}: {name!r} holds a zero character, which no name of a file can; "
-                "correct the name",
+                f"{self.path}: {name!r} contains a zero character, which a file name cannot "
+                "have; correct the name",
                 file=self.path,
             )
         return self.held_files.get(name, self.path.parent / name)

@@ -35,7 +35,7 @@ def load_recording(run: RunBase[DataSection]) -> Recording:
         if is_pattern(path):
             if run.data.marks not in ("labels", "found"):
                 raise InputError(
-                    f"{run.path}: [data] marks: each section has a file of its own: state marks = "
+                    f"{run.path}: [data] marks: each section has its own file: state marks = "
                     '"labels"',
                     file=run.path,
                     key="[data] marks",

@@ -51,8 +51,8 @@ def check_rests(
         return check_marked_rests(run, recording, marks)
     if run.data.accept_moving is not None:
         raise InputError(
-            f"{run.path}: [data] accept_moving is for marks that you give: detected rests do not "
-            "move; remove accept_moving",
+            f"{run.path}: [data] accept_moving is only for marks that you give, because "
+            "detected rests do not move; remove accept_moving",
             file=run.path,
             key="[data] accept_moving",
         )
@@ -132,7 +132,7 @@ def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     names = [name for name, _ in pairs]
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"{name!r} comes twice; give each mark its own name")
+            raise ValueError(f"{name!r} appears twice; give each mark its own name")
     return dict(pairs)
 
 
@@ -174,8 +174,8 @@ def marks_after_audit(marks: tuple[Mark, ...], recording: Recording) -> tuple[Ma
         return marks
     if (np.diff(original) <= 0).any():
         raise InputError(
-            f"{recording.source}: the samples were sorted by time, so sample numbers in a file of "
-            'marks no longer fit; use a label column and [data] marks = "labels"',
+            f"{recording.source}: the samples were sorted by time, so sample numbers in a file "
+            'of marks are no longer valid; use a label column and [data] marks = "labels"',
             file=recording.source,
             key="[data] marks",
         )

@@ -63,9 +63,9 @@ def _jumps(recording: Recording, celsius: Array) -> list[Finding]:
     k = int(places[np.argmax(step[places])])
     count = f"{places.size} times" if places.size > 1 else "once"
     text = (
-        f"the temperature jumps {count}, which no chamber makes: from {celsius[k]:.2f} to "
-        f"{celsius[k + 1]:.2f} °C within {seconds[k]:.3g} s at {recording.time[k]:.6g} s; correct "
-        "the readings of the thermometer, or remove these samples"
+        f"the temperature jumps {count}, faster than any chamber: from {celsius[k]:.2f} to "
+        f"{celsius[k + 1]:.2f} °C within {seconds[k]:.3g} s at {recording.time[k]:.6g} s; "
+        "correct the readings of the thermometer, or remove these samples"
     )
     return [Finding("warning", "temperature jump", text, None, k, k + 2)]
 
@@ -243,9 +243,9 @@ def burst_findings(recording: Recording) -> list[Finding]:
         return []
     hz = 1 / mean
     text = (
-        f"samples come in bursts: the median step of time is {median:.3g} s and the mean step is "
-        f"{mean:.3g} s, so the stamps are those of the link, not of the sensor; remove [data] time "
-        f'and state rate = "{hz:.4g} Hz" if that is the sampling rate'
+        f"samples come in bursts: the median step of time is {median:.3g} s and the mean step "
+        f"is {mean:.3g} s, so the time stamps come from the link, not from the sensor; remove "
+        f'[data] time and state rate = "{hz:.4g} Hz" if that is the sampling rate'
     )
     return [Finding("refused", "bursts", text)]
 
@@ -292,9 +292,9 @@ def _mixed_unit_finding(recording: Recording) -> Finding | None:
         return None
     start, stop = (int(k) for k in found[np.argmax(far)])
     text = (
-        f"time goes on in steps of {np.median(steps[far]):.3g} s instead of {median:.3g} s after "
-        f"sample {start} ({recording.time[start]:.6g} s): a part of the column of times is in "
-        "another unit; write all in one unit, or split the file there"
+        f"time continues in steps of {np.median(steps[far]):.3g} s instead of {median:.3g} s "
+        f"after sample {start} ({recording.time[start]:.6g} s): part of the column of times is "
+        "in another unit; convert it to one unit, or split the file there"
     )
     return Finding("refused", "time unit", text, None, start, stop + 1)
 
@@ -312,7 +312,7 @@ def jitter_findings(recording: Recording) -> list[Finding]:
     rounding = float(np.spacing(max(abs(time.min()), abs(time.max()))))
     if rms <= 2 * rounding:
         return []
-    text = f"steps of time vary by {rms:.3g} s rms about {recording.median_step:.6g} s"
+    text = f"time steps vary by {rms:.3g} s rms about {recording.median_step:.6g} s"
     return [Finding("note", "jitter", text)]
 
 
@@ -338,7 +338,7 @@ def channel_findings(
             railed = repeated_values.ranges_with_values(x, railed, cut)
             values = " and ".join(f"{value:.6g}" for value in cut)
             why = (
-                f": readings pile up at {values} {recording.units[k]}, where noise is cut off; "
+                f": readings pile up at {values} {recording.units[k]}, where the range ends; "
                 "state full_scale"
             )
     else:
@@ -368,9 +368,9 @@ def _dead_channel_finding(recording: Recording, k: int, x: Array) -> Finding | N
             return None
     names = " and ".join(recording.channels[j] for j in like)
     text = (
-        f"{channel} holds {x[start]:.6g} {_span_text(recording, start, stop)} while {names} "
-        "change: check its connection and record again, or save the parts before and after it as "
-        "files"
+        f"{channel} stays at {x[start]:.6g} {_span_text(recording, start, stop)} while {names}"
+        " change: check its connection and record again, or save the parts before and after it "
+        "as files"
     )
     return Finding("refused", "stuck", text, channel, start, stop)
 

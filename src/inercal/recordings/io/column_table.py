@@ -171,7 +171,7 @@ class Table:
             comma = _DECIMAL_COMMA.fullmatch(str(column[0])) is not None
             advice = "write decimal points" if comma else "name another column, or correct the file"
             raise InputError(
-                f"{self.source}: column {name!r} holds text ({shorten(str(column[0]))}) "
+                f"{self.source}: column {name!r} contains text ({shorten(str(column[0]))}) "
                 f"where numbers are needed; {advice}",
                 file=self.source,
                 names=(name,),
@@ -193,8 +193,8 @@ def refuse_unequal_lengths(lengths: Mapping[str, int], source: str) -> None:
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
         raise InputError(
-            f"{source} has columns of unequal length: {shorten(listed, 120)}; write columns of "
-            "one length",
+            f"{source} has columns of unequal length: {shorten(listed, 120)}; make them equally "
+            "long",
             names=tuple(lengths),
         )
 
@@ -227,8 +227,8 @@ def refuse_too_many_columns(columns: int, source: str) -> None:
     """Raise InputError for more columns than any recording has."""
     if columns > MOST_COLUMNS:
         raise InputError(
-            f"{source} has {columns} columns, and at most {MOST_COLUMNS} are read: write each "
-            "sample as a row"
+            f"{source} has {columns} columns, but at most {MOST_COLUMNS} can be read: write "
+            "each sample as a row"
         )
 
 
@@ -261,8 +261,8 @@ def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.s
     longest = max(values, key=len, default="")
     if len(longest) > LONGEST_LABEL:
         raise InputError(
-            f"{source}: column {column!r} has a text of {len(longest)} characters "
-            f"({shorten(longest)}), and a label may have {LONGEST_LABEL}; name another column",
+            f"{source}: column {column!r} has a text of {len(longest)} characters ("
+            f"{shorten(longest)}), a label at most {LONGEST_LABEL}; name another column",
             names=(column,),
         )
     return np.array(values, dtype=np.str_)

@@ -153,7 +153,7 @@ def read_messages(path: Path, wanted: Callable[[str], bool]) -> dict[str, Logged
             start += at
             rest = data[at:]
     if len(types) == 1:
-        raise _damaged(path, 0, "it has no format of a message")
+        raise _damaged(path, 0, "it does not describe any message format")
     return {one.name: one for one in types.values()}
 
 
@@ -371,8 +371,8 @@ def _in_force(source: str, changes: Changes, name: str, start: int) -> float:
     """
     if name not in changes:
         raise InputError(
-            f"{source} has no parameter {name}, by which the readings were corrected: log the "
-            'parameters too, or state corrections = "keep"',
+            f"{source} does not contain parameter {name}, with which the readings were "
+            'corrected: log the parameters too, or state corrections = "keep"',
             key="[data] corrections",
             names=(name,),
         )
@@ -380,8 +380,8 @@ def _in_force(source: str, changes: Changes, name: str, start: int) -> float:
     time, last = values[-1]
     if len(values) > 1 and time > start:
         raise InputError(
-            f"{source}: {name} changes to {last:g} at {1e-9 * time:.6g} s, within the readings: "
-            "log again without a calibration in between",
+            f"{source}: {name} changes to {last:g} at {1e-9 * time:.6g} s, during the "
+            "recording: log again without a calibration in between",
             names=(name,),
         )
     return last

@@ -25,7 +25,7 @@ def matching_files(pattern: Path) -> dict[str, Path]:
     """
     before, _, after = pattern.name.partition(_STAR)
     if _STAR in after:
-        raise InputError(f"{pattern}: one star stands for the label; use one", file=pattern)
+        raise InputError(f"{pattern}: use only one star, which stands for the label", file=pattern)
     files: dict[str, Path] = {}
     if pattern.parent.is_dir():
         for path in pattern.parent.iterdir():
@@ -35,9 +35,9 @@ def matching_files(pattern: Path) -> dict[str, Path]:
                 files[name[len(before) : len(name) - len(after)]] = path
     if not 0 < len(files) <= _MOST_FILES:
         found = (
-            f"{len(files)} files have such a name, more than {_MOST_FILES}; name fewer"
+            f"{len(files)} files match, more than {_MOST_FILES}; name fewer"
             if files
-            else "no file has such a name; check folder and name"
+            else "no file matches; check the folder and the name"
         )
         raise InputError(
             f"{pattern}: {found}: the star stands for the label of each section", file=pattern

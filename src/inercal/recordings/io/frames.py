@@ -49,7 +49,7 @@ def recording_from_frame(
     """
     if columns.second or columns.options:
         raise InputError(
-            f"{name}: a table in memory has no second file and no options of a reader: join the "
+            f"{name}: a table in memory cannot have a second file or reader options: join the "
             "tables, and remove the options",
             key="columns",
         )
@@ -115,7 +115,7 @@ def _names(frame: Any, name: str) -> list[str]:
     if isinstance(frame, Mapping):
         return [str(one) for one in cast(Mapping[object, object], frame)]
     raise InputError(
-        f"{name} is of {type(frame).__name__}: give a DataFrame, an Arrow table, a structured "
+        f"{name} is a {type(frame).__name__}: give a DataFrame, an Arrow table, a structured "
         "array, or columns by name"
     )
 

@@ -27,7 +27,7 @@ from inercal.recordings.io.variables import (
     table_from_variables,
 )
 
-ELSEWHERE = "is stored outside this file or put together from others: save its values in it"
+ELSEWHERE = "is stored outside this file or assembled from others: save its values in this file"
 _MOST_PACKED = 1100  # times; deflate reaches 1032
 
 

@@ -239,8 +239,8 @@ def _limit_error(what: str, isolation: Isolation, path: Path) -> InputError:
     """Return the error of a file that costs more than a file of its size may."""
     more = f"state {isolation.key}, the number of its values" if isolation.key else ""
     return InputError(
-        f"{path.name} {what}, the limit for {isolation.kind} of its size: it is damaged, or holds "
-        f"much in few bytes; {' or '.join(filter(None, (isolation.advice, more)))}",
+        f"{path.name} {what}, the limit for {isolation.kind} of its size: it is damaged or very "
+        f"strongly compressed; {' or '.join(filter(None, (isolation.advice, more)))}",
         file=path,
         key=isolation.key or None,
     )
@@ -258,7 +258,7 @@ def _death_error(
     if name == "SIGALRM":
         return _limit_error(f"was not read within {limits.waited} s", isolation, path)
     if name == "SIGKILL":
-        what = "the system ended the process that read it, as it does for want of memory"
+        what = "the system ended the process that read it, probably because memory ran out"
         return InputError(f"{path.name}: {what}; close other programs and try again", file=path)
     return InputError(
         f"{path.name} crashes the library that reads it ({name}): it is not {isolation.kind} or is "

@@ -100,8 +100,8 @@ def rotation_matrix(number: float, parameter: str, source: str) -> Array:
     """
     if number not in range(len(ROTATIONS)):
         raise InputError(
-            f"{source}: {parameter} is {number:g}, a rotation that is not known here; state "
-            'corrections = "keep" to calibrate the corrected readings',
+            f"{source}: {parameter} is {number:g}, an unknown rotation; state corrections = "
+            '"keep" to calibrate the corrected readings',
             key="[data] corrections",
             names=(parameter,),
         )

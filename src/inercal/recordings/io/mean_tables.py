@@ -133,8 +133,8 @@ def observations_from_table(
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
         raise InputError(
-            f"{path}: position {twice[0]!r} comes in several rows; write each position in a single "
-            "row",
+            f"{path}: position {twice[0]!r} appears in several rows; write each position in a "
+            "single row",
             file=path,
             names=tuple(twice),
         )
@@ -212,9 +212,9 @@ def _refuse_constant_column(
         like = [j for j, other in enumerate(sensor.axes) if other.measures == axis.measures]
         if axis.measures == "w" and not output[:, k].any():
             raise InputError(
-                f"{path}: column {by_axis[axis.name]!r} is 0 in all rows: the gyro has a dead band "
-                "about zero or its means are rounded to 0, and its bias may be anything within; "
-                "write the means with more digits, or leave the gyros out",
+                f"{path}: column {by_axis[axis.name]!r} is 0 in all rows: the gyro has a dead "
+                "band about zero or its means are rounded to 0, so its bias cannot be "
+                "determined; write the means with more digits, or leave the gyros out",
                 file=path,
                 names=(by_axis[axis.name],),
             )

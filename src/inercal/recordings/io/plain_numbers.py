@@ -91,8 +91,9 @@ def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iter
     except ValueError as error:
         reason = "" if isinstance(error, _NotPlainError) else f" ({shorten(str(error), 120)})"
         raise InputError(
-            f"{path.name} is too long to be read at once, and in pieces only plain numbers in rows "
-            f"of one length are read{reason}: correct it, or export the used columns",
+            f"{path.name} is too long to be read at once, and only plain numbers in rows of "
+            f"equal length can be read in pieces{reason}: correct it, or export only the "
+            "columns you use",
             file=path,
         ) from error
 

@@ -133,7 +133,7 @@ def _refuse_too_many_values(table: Table, most: int | None) -> None:
     if most is not None and values > most:
         raise InputError(
             f"{table.source} has {values} values in the columns that are read, more than "
-            f"{MOST_VALUES_KEY} = {most}: export the used columns alone, or state more",
+            f"{MOST_VALUES_KEY} = {most}: export only the columns you use, or raise the limit",
             key=MOST_VALUES_KEY,
         )
 
@@ -212,9 +212,7 @@ def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> 
         A file cannot be read, or two do not go together.
     """
     if (second is None) != (not columns.second):
-        raise InputError(
-            f"{path}: state a second file and its columns, or neither of the two", file=path
-        )
+        raise InputError(f"{path}: state both a second file and its columns, or neither", file=path)
     files = [path] if second is None else [path, second]
     _refuse_unknown_options(columns.options, *files)
     if second is not None and columns.second_time is not None:
@@ -256,8 +254,8 @@ def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
     near, found = nearest_samples(more.time, fewer.time)
     if not found.any():
         raise InputError(
-            f"{first.source} is of {_span(first)} s and {further.source} of {_span(further)} s: "
-            "times of one clock are needed",
+            f"{first.source} covers {_span(first)} s and {further.source} {_span(further)} s: "
+            "both need times of the same clock",
             file=path,
         )
     kept, joined = fewer.take(found), more.take(near[found])

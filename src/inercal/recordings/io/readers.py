@@ -64,7 +64,7 @@ MOST_VALUES_OPTION = Option(
     MOST_VALUES_KEY.split()[-1],
     int,
     MOST_VALUES,
-    "values of 8 bytes that the file holds in the columns that are read, at most",
+    "most 8-byte values that the file may contain in the columns that are read",
 )
 
 

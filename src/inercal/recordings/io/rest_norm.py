@@ -62,8 +62,8 @@ def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
         advice = "check the units and the nominal scale of the columns in [sensor.accelerometer]"
     else:
         advice = (
-            f"the columns look like {units[0]} declared as {units[1]}: in [sensor.accelerometer] "
-            f'state unit = "{units[0]}", or a scale per {units[0]}'
+            f"the readings look like {units[0]}, but are declared as {units[1]}: in "
+            f'[sensor.accelerometer] state unit = "{units[0]}", or a scale per {units[0]}'
         )
     return Finding("refused", "units", f"{text}: {advice}")
 
@@ -155,8 +155,8 @@ def rate_finding(rates: Sequence[tuple[str, float]], advice: str) -> Finding | N
     numbers = [f"{degrees(rate):.3g}".replace("-", "−") for _, rate in rates]
     listed = ", ".join(f"{rates[k][0]} {number} °/s" for k, number in enumerate(numbers))
     text = (
-        f"at rest the gyros read {listed}, but a bias is seldom beyond "
-        f"±{degrees(LARGEST_BIAS):.0f} °/s: raw counts or volts that are declared as a rate look "
-        f"like this; check unit, scale and offset in [sensor.gyro]{advice}"
+        f"at rest the gyros read {listed}, but a bias is rarely beyond ±"
+        f"{degrees(LARGEST_BIAS):.0f} °/s: raw counts or volts declared as a rate look like "
+        f"this; check unit, scale and offset in [sensor.gyro]{advice}"
     )
     return Finding("warning", "units", text)

@@ -156,7 +156,7 @@ def check_sqlite(path: Path) -> None:
 
 def _mark_indexed(chunks: dict[int, bool], place: int) -> None:
     if chunks.get(place, True):
-        raise DamagedBagError("its index names a chunk twice, or one that it does not hold")
+        raise DamagedBagError("its index names a chunk twice, or one that it does not contain")
     chunks[place] = True
 
 
@@ -224,7 +224,7 @@ def _open(path: Path) -> Any:
             reader = plugins[".mcap"](path)
         elif not head.startswith(SQLITE):
             raise InputError(
-                f"{path.name} is not a ROS bag: it begins as neither a .bag, an .mcap nor a .db3 "
+                f"{path.name} is not a ROS bag: it does not begin like a .bag, .mcap or .db3 "
                 "file; name the file of the bag, or give a text file the suffix .csv",
                 file=path,
             )
@@ -249,8 +249,8 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
         fields = [] if len(kinds) > 1 else _number_fields(definitions, *kinds)
         if not fields:
             raise InputError(
-                f"{path.name}: topic {topic!r} holds {' and '.join(sorted(kinds))}, which has no "
-                "numbers that are read here; name a topic of sensor_msgs/msg/Imu",
+                f"{path.name}: topic {topic!r} contains {' and '.join(sorted(kinds))}, which "
+                "cannot be read as numbers; name a topic of sensor_msgs/msg/Imu",
                 names=(topic,),
             )
         if wanted.names is not None:

@@ -52,7 +52,7 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> R
         return RowCheck(
             [Finding("warning", "nonfinite", f"{text}: dropped")], np.flatnonzero(~rows)
         )
-    advice = "no other row is left" if drop else 'remove them, or state nonfinite = "drop"'
+    advice = "no other rows remain" if drop else 'remove them, or state nonfinite = "drop"'
     return RowCheck([Finding("refused", "nonfinite", f"{text}: {advice}", name, first, first + 1)])
 
 
@@ -66,7 +66,7 @@ def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
     time = recording.time
     back = np.flatnonzero(time[1:] < time[:-1])
     if recording.time.size < 2:
-        return RowCheck([Finding("refused", "order", "there is one sample only: record again")])
+        return RowCheck([Finding("refused", "order", "there is only one sample: record again")])
     if not back.size:
         return RowCheck([])
     labels = recording.labels
@@ -76,7 +76,7 @@ def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
         length = np.diff(start, append=labels.size)
         keep = np.argsort(np.repeat(place, length), kind="stable")
         if (np.diff(recording.time[keep]) >= 0).all():
-            text = f"{start.size} labelled sections were not stored by time: they are sorted"
+            text = f"{start.size} labelled sections were out of order in time and were sorted"
             return RowCheck([Finding("note", "order", text)], keep)
     worst = int(back[0])
     others = f", and at {format_count(back.size - 1, 'more place')}" if back.size > 1 else ""
@@ -100,9 +100,9 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
         span = float(recording.time[-1] - recording.time[0])
         rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
         text = (
-            f"{format_count(int((~same).sum()), 'row')} with the time of the row before and other "
-            f"readings, the first at {where(first + 1)}: the time stamps are too coarse, so state "
-            f"[data] rate{rate} in place of the time column"
+            f"{format_count(int((~same).sum()), 'row')} with the same time as the row before "
+            f"but other readings, the first at {where(first + 1)}: the time stamps are too "
+            f"coarse, so state [data] rate{rate} in place of the time column"
         )
         return RowCheck([Finding("refused", "repeated", text, None, first + 1, first + 2)])
     kept = np.ones(recording.time.size, np.bool_)

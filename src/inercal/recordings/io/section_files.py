@@ -47,7 +47,7 @@ def read_sections(
     for key, stated in (("label", columns.label), ("gyro_file", columns.second or None)):
         if stated is not None:
             raise InputError(
-                f"{pattern}: with a file for each section, [data] {key} has no use; remove {key}",
+                f"{pattern}: with one file per section, [data] {key} has no effect; remove {key}",
                 file=pattern,
                 key=f"[data] {key}",
             )
@@ -79,8 +79,8 @@ def _join(source: str, parts: Mapping[str, Recording]) -> Recording:
         some = [part for _, part in ordered]
         times, first_stamp = _one_after_the_other(times), 0.0
         text = (
-            f"the {len(some)} files of {source} have times of their own and are put one after the "
-            f"other, {_PAUSE_S:g} s apart: how long it took from one to the next is not known"
+            f"the {len(some)} files of {source} each have their own times, so they are placed "
+            f"one after the other, {_PAUSE_S:g} s apart: the true time between them is unknown"
         )
         findings.append(Finding("note", "sections", text))
     digest = sha256("".join(f"{label} {part.sha256}\n" for label, part in ordered).encode())

@@ -99,8 +99,8 @@ class Columns:
             raise InputError(f"rate_hz is missing: {reason}; give rate_hz", key="rate_hz")
         if not counted and self.rate_hz is not None:
             raise InputError(
-                f"rate_hz and a time column in {self.time_unit or 's'!r} are both stated: remove "
-                "one of the two",
+                f"rate_hz and a time column in {self.time_unit or 's'!r} are both stated: "
+                "remove one of them",
                 key="rate_hz",
             )
         if self.modulus is not None and (self.time is None or not counted):

@@ -289,5 +289,5 @@ def _line_breaks(path: Path, layout: TextLayout, rows: int) -> LineBreaks:
 READER = Reader(
     "text",
     read_text,
-    options=(Option("skip", int, 0, "lines at the begin of a text file that are left out"),),
+    options=(Option("skip", int, 0, "lines to skip at the beginning of a text file"),),
 )

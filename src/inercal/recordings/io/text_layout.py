@@ -112,7 +112,7 @@ def sniff(path: Path, skip: int = 0) -> TextLayout:
     headed = _is_header(table[0], marks(table[0]), marks(table[1]) if table[1:] else [])
     if headed and len(rows) == 1:
         raise InputError(
-            f"{path.name} has a header in line {rows[0].line} and no data below it: record or "
+            f"{path.name} has a header in line {rows[0].line} but no data below it: record or "
             "export it again",
             line=rows[0].line,
         )
@@ -184,7 +184,7 @@ def _first_lines(path: Path, skip: int) -> tuple[list[str], list[_Row], str | No
         )
         rows.extend(islice(data, _SNIFFED_LINES))
     if not rows:
-        what = f"no line after the first {skip}" if skip else "comments only and no data"
+        what = f"no line after the first {skip}" if skip else "only comments and no data"
         raise InputError(f"{path.name} has {what}: record or export it again")
     return heading, rows, separator
 

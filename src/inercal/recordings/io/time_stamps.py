@@ -115,8 +115,8 @@ def require_unit(
         if (found := _NAMED.search(column)) is not None:
             named = found.lastgroup
             raise InputError(
-                f"{source}: column {column!r} has {named} in its name, but no unit is stated, "
-                f'which means s: state {unit_key} = "{named}"',
+                f"{source}: column {column!r} has {named} in its name, but without a stated "
+                f'unit it is read in s: state {unit_key} = "{named}"',
                 file=source,
                 key=unit_key,
                 names=(column,),
@@ -124,9 +124,9 @@ def require_unit(
         since = _epoch_unit(stamps)
         if since not in (None, "s"):
             raise InputError(
-                f"{source}: times of {stamps[np.isfinite(stamps)][0]:.6g} in column {column!r} "
-                f"look like {since} since 1970, but no unit is stated, which means s: state "
-                f'{unit_key} = "{since}"',
+                f"{source}: times of {stamps[np.isfinite(stamps)][0]:.6g} in column {column!r}"
+                f" look like {since} since 1970, but without a stated unit they are read in s: "
+                f'state {unit_key} = "{since}"',
                 file=source,
                 key=unit_key,
                 names=(column,),
@@ -236,8 +236,8 @@ def times_from_iso(
         if zoned is not None and zoned != bool(zone):
             raise refusal(
                 k,
-                f"has {'a' if zone else 'no'} time zone, unlike the row before: write a zone in "
-                "all rows or in none",
+                f"has {'a' if zone else 'no'} time zone, unlike the row before: write a time "
+                "zone in all rows or in none",
             )
         zoned = bool(zone)
         minute = match["minute"]
@@ -291,8 +291,8 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
     off = np.flatnonzero(~((read >= 0) & (read < modulus) & (read == np.round(read))))
     if off.size:
         raise InputError(
-            f"counter: sample {off[0]} has {read[off[0]]:g}, but the counter takes whole numbers "
-            f"from 0 to {modulus - 1}; check its column and its modulus"
+            f"counter: sample {off[0]} has {read[off[0]]:g}, but the counter can only have "
+            f"whole numbers from 0 to {modulus - 1}; check its column and its modulus"
         )
     step = np.diff(read) % modulus
     bad = np.flatnonzero((step == 0) | (2 * step >= modulus))
@@ -300,8 +300,8 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
         k, most = int(bad[0]), float(read.max())
         if most + 1 < modulus and (read[bad] == most).all() and (read[bad + 1] == read.min()).all():
             raise InputError(
-                f"counter: after {most:g} it begins again at {read.min():g} (sample {k + 1}): its "
-                f"modulus is {most + 1:g}, not {modulus}",
+                f"counter: after {most:g} it restarts at {read.min():g} (sample {k + 1}), so "
+                f"its modulus is {most + 1:g}, not {modulus}",
                 key="modulus",
             )
         what = "comes twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"

@@ -89,7 +89,7 @@ def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes]]:
     """
     with path.open("rb") as file:
         if file.read(_HEADER_BYTES)[: len(HEADER)] != HEADER:
-            raise _damaged(path, 0, "it does not begin as a ULog file")
+            raise _damaged(path, 0, "it does not begin like a ULog file")
         ends = _part_ends(path, file)
         for end in ends:
             while len(head := file.read(3)) == 3:
@@ -180,7 +180,7 @@ def _load(core: Any, path: Path, names: list[str]) -> Any:
     with redirect_stdout(printed), path.open("rb") as file:
         log = core.ULog(file, names)
     if log.file_corruption:
-        raise ValueError(printed.getvalue() or "messages are broken")
+        raise ValueError(printed.getvalue() or "messages are damaged")
     return log
 
 
@@ -206,8 +206,8 @@ def _uncorrected(
         )
     if channels and "x_raw" in data[topic]:
         raise InputError(
-            f"{source}: {topic!r} is of PX4 before 1.11, whose drivers correct it in their own "
-            "way: log with PX4 1.11 or later",
+            f"{source}: {topic!r} is from PX4 before 1.11, whose drivers apply their own "
+            "corrections: log with PX4 1.11 or later",
             names=(topic,),
         )
     changed: dict[str, Array] = {}
@@ -245,8 +245,8 @@ def _devices(
     if len(numbers) > 1:
         listed = ", ".join(map(str, sorted(numbers)))
         raise InputError(
-            f"{source}: topic {logged.topic!r} holds readings of {len(numbers)} sensors (device_id "
-            f"{listed}): log again, with one",
+            f"{source}: topic {logged.topic!r} contains readings of {len(numbers)} sensors "
+            f"(device_id {listed}): log only one of them",
             names=(logged.topic,),
         )
     return dict.fromkeys((logged.topic,) if numbers else (), max(numbers, default=0))
@@ -261,10 +261,10 @@ def _device(source: str, log: Any, data: Mapping[str, Any], sensor: str, field: 
         found = {int(one) for one in stated if one}
     if len(found) == 1:
         return found.pop()
-    reason = "changes" if found else "is not known"
+    reason = "changes" if found else "is unknown"
     raise InputError(
-        f"{source}: the sensor that sensor_combined holds {reason} ({field} of {_SELECTION}), so "
-        "that its corrections cannot be undone: use sensor_accel and sensor_gyro",
+        f"{source}: the sensor in sensor_combined {reason} ({field} of {_SELECTION}), so its "
+        "corrections cannot be undone: use sensor_accel and sensor_gyro",
         names=("sensor_combined",),
     )
 

@@ -34,10 +34,10 @@ from inercal.recordings.io.column_table import (
 # Why a variable is not a column.
 OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
 FUNCTION = "is a function handle, not numbers"
-COMPLEX = "holds complex numbers: save real and imaginary parts as two arrays"
+COMPLEX = "contains complex numbers: save real and imaginary parts as two arrays"
 SPARSE = "is a sparse matrix: save it with full()"
 STRUCTS = "is an array of structs: save a struct of arrays"
-CELL = "is a cell array with other contents than one text in each cell: save plain arrays"
+CELL = "is a cell array whose cells are not all single texts: save plain arrays"
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ def _read(
             continue
         kind = stored.dtype
         if kind.kind not in "fiub":
-            why = COMPLEX if kind.kind == "c" else f"of {kind} holds no numbers"
+            why = COMPLEX if kind.kind == "c" else f"of {kind} contains no numbers"
             raise InputError(f"{source}: {variable.name!r} {why}", names=(variable.name,))
         places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
         filled: dict[str, NDArray[Any]] = {

@@ -53,8 +53,8 @@ def valid_marks(
         findings.append(Finding("warning", "rests", text, flaw.channel, mark.start, mark.stop))
     if not usable:
         raise InputError(
-            f"{recording.source}: each rest has saturated or stuck samples: {findings[0].message}; "
-            "check the sensor and record again",
+            f"{recording.source}: every rest has saturated or stuck samples: "
+            f"{findings[0].message}; check the sensor and record again",
             names=tuple(mark.label for mark in ordered),
         )
     return tuple(usable), tuple(findings)

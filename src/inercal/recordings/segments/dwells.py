@@ -104,9 +104,9 @@ def find_dwells(
         fastest = float(np.abs(smooth).max()) * 30 / pi
         raise InputError(
             f"{recording.source or 'recording'}: no dwell was detected: a dwell needs a steady "
-            f"rate for {SETTLING_TIME:g} s and {LEAST_TURNS} turns more, and the "
-            f"{turning_device} has none up to {fastest:.4g} rpm{reasons}; check the column of the "
-            "rate, or record again",
+            f"rate for {SETTLING_TIME:g} s and {LEAST_TURNS} more turns, but the "
+            f"{turning_device} has none up to {fastest:.4g} rpm{reasons}; check the column of "
+            "the rate, or record again",
             file=recording.source or None,
             names=(ARM_RATE,),
         )

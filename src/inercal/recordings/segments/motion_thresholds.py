@@ -73,7 +73,7 @@ class MotionThreshold:
         """Scatter at rest and threshold, in words."""
         limit = f"threshold {format_number(self.threshold, 3)} {self.unit}"
         if not np.isfinite(self.threshold):
-            limit = "no threshold because rest and motion scatter equally"
+            limit = "no threshold because rest and motion have the same scatter"
         kind = QUANTITIES[self.kind].sensors
         return f"scatter at rest {format_number(self.quiet, 3)} {self.unit}, {limit} ({kind})"
 

@@ -54,7 +54,7 @@ def marks_from_labels(recording: Recording, *, again: bool = False) -> tuple[Mar
     for mark in marks:
         if mark.label in seen and not again:
             raise InputError(
-                f"{recording.source}: label {mark.label!r} returns at "
+                f"{recording.source}: label {mark.label!r} appears again at "
                 f"{recording.where(mark.start)}, but a label marks one unbroken section: write "
                 "another label there, or none",
                 line=recording.line(mark.start),
@@ -156,9 +156,9 @@ def check_against_plan(
             if f @ np.array(step.up) < _MEANT * np.linalg.norm(f):
                 read = _vector_text(sensed.f[k] / gravity)
                 raise InputError(
-                    f"section {step.label} should have {describe_direction(step.up)} up, but the "
-                    f"accelerometers read {read} g: look for a mark on another section, or for "
-                    "columns swapped or reversed",
+                    f"section {step.label} should have {describe_direction(step.up)} up, but "
+                    f"the accelerometers read {read} g: check for a mark on the wrong section, "
+                    "or for swapped or reversed columns",
                     names=(step.label,),
                 )
         elif len(columns["w"]) == 3:
@@ -204,7 +204,7 @@ def _check_turn(step: HandStep, angle: np.ndarray) -> list[Finding]:
     read = f"the gyros integrate to {_vector_text(angle * degrees)}°"
     aligned, times = abs(along) >= _ALIGNED * size, size / abs(step.angle)
     if not aligned or not 0.5 < times < 2:
-        hint = "look for a mark on another section, or for columns swapped"
+        hint = "check for a mark on the wrong section, or for swapped columns"
         if aligned and times > 2:
             hint = f"{times:.3g} times the turn: check unit and scale in [sensor.gyro]"
         for ratio, unit in ((degrees, "°/s taken for rad/s"), (1 / degrees, "rad/s taken for °/s")):
@@ -231,17 +231,18 @@ def _check_gravity_turns(step: HandStep, f: np.ndarray) -> list[Finding]:
     across = f - axis * (f @ axis)
     if abs(step.angle) >= _WHOLE_TURN and np.linalg.norm(across) > _MEANT:
         raise InputError(
-            f"section {step.label} turns about {describe_direction(step.axis)} by the gyros, but "
-            f"the accelerometers read {_vector_text(f)} g on average, which is across that axis: "
-            "look for columns of gyros or accelerometers swapped",
+            f"according to the gyros, section {step.label} turns about "
+            f"{describe_direction(step.axis)}, but the accelerometers read {_vector_text(f)} g "
+            "on average, which is across that axis: check for swapped columns of gyros or "
+            "accelerometers",
             names=(step.label,),
         )
     if f @ axis < -_MEANT:
         about = describe_direction(step.axis)
         message = (
             f"section {step.label} should turn with {about} up, but the accelerometers read "
-            f"{_vector_text(f)} g on average: the sensor stood on its head (turn it with {about} "
-            "up), or this accelerometer is reversed in [data] accelerometer"
+            f"{_vector_text(f)} g on average: the sensor was upside down (turn it with {about}"
+            " up), or this accelerometer is reversed in [data] accelerometer"
         )
         return [Finding("warning", "up", message)]
     return []

@@ -79,8 +79,8 @@ def require_still(
     """
     if unknown := [label for label in accepted if label not in {mark.label for mark in marks}]:
         raise InputError(
-            f"{recording.source}: [data] accept_moving names {unknown[0]!r}, which is no rest; "
-            f"the rests are {', '.join(mark.label for mark in marks)}",
+            f"{recording.source}: [data] accept_moving names {unknown[0]!r}, which is not a "
+            f"rest; the rests are {', '.join(mark.label for mark in marks)}",
             key="[data] accept_moving",
             names=tuple(unknown),
         )
@@ -125,8 +125,8 @@ def require_still(
             for size in (change, allowed)
         )
         text = (
-            f"section {mark.label} moves: its mean changes by {shown} ({axis.name}) within it, "
-            f"and noise and quantisation explain {explained} at most"
+            f"section {mark.label} moves: its mean changes by {shown} ({axis.name}), but noise "
+            f"and quantisation explain at most {explained}"
         )
         if mark.label in accepted:
             message = f"{text}; [data] accept_moving accepts it"

@@ -88,8 +88,8 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     longest = int((segments[:, 1] - segments[:, 0]).max())
     if longest < 4 * window:
         raise InputError(
-            f"{recording.source}: {format_duration(longest / rate)} without a gap are too short to "
-            f"detect rests; record {format_duration(4 * window / rate)} at least"
+            f"{recording.source}: {format_duration(longest / rate)} without a gap is too short "
+            f"to detect rests; record at least {format_duration(4 * window / rate)}"
         )
     judged = [motion_threshold(recording, kind, segments, window) for kind in kinds]
     levels = tuple(level for level, _ in judged)
@@ -99,8 +99,8 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
             for level in levels
         )
         raise InputError(
-            f"{recording.source}: rest and motion cannot be distinguished: all samples scatter "
-            f"equally, {scatters}; record rests in several positions"
+            f"{recording.source}: rest and motion cannot be distinguished, because all samples "
+            f"have the same scatter, {scatters}; record rests in several positions"
         )
     margin, most = (max(round(limit * rate), 1) for limit in MARGIN)
     shortest = max(round(SHORTEST * rate), MIN_SAMPLES)
@@ -134,8 +134,8 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     if held <= _HELD * min(share for _, share in judged):
         raise InputError(
             f"{recording.source}: no rest of "
-            f"{format_duration((shortest + 2 * margin) / rate + WINDOW)} is "
-            "found: there are only single quiet moments between moves"
+            f"{format_duration((shortest + 2 * margin) / rate + WINDOW)} was found: there are "
+            "only short quiet moments between moves"
             + (f", and in {crept} quiet sections the sensor turned slowly" if crept else "")
             + "".join(f"; {level.words}" for level in levels)
             + "; hold each position longer"

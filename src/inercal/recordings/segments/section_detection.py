@@ -93,9 +93,9 @@ def find_sections(
     found = search_sections(recording, sensor, steps)
     if not found.rests:
         raise InputError(
-            f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s is detected "
-            f"({'; '.join(level.words for level in found.levels)}); mark the sections in a file or "
-            "a column",
+            f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s was detected ("
+            f"{'; '.join(level.words for level in found.levels)}); mark the sections in a file "
+            "or a column",
             names=tuple(step.label for step in steps),
         )
     return found
@@ -133,8 +133,8 @@ def search_sections(
     window = window_samples(recording)
     if y.shape[0] < 4 * window:
         raise InputError(
-            f"{recording.source}: {format_duration(recording.duration)} are too short to detect "
-            f"sections; record {4 * WINDOW:g} s at least"
+            f"{recording.source}: {format_duration(recording.duration)} is too short to detect "
+            f"sections; record at least {4 * WINDOW:g} s"
         )
     channels = [_Channel(y[:, k], window) for k in range(y.shape[1])]
     quietest = [channel.limit for channel in channels]

@@ -114,7 +114,7 @@ def average_sections(
     moving = [s.label for s in used if isinstance(s, Turn | Rotation) or s.label in turning]
     holds = [step for step in used if step.label not in moving]
     if not holds:
-        raise InputError(f"{recording.source}: no position at rest is marked; mark one at least")
+        raise InputError(f"{recording.source}: no position at rest is marked; mark at least one")
     if not found:
         require_still(recording, sensor, [by_label[step.label] for step in holds])
     batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
@@ -230,8 +230,8 @@ def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequen
     if isinstance(step, Turn) and lost.any():
         after = int(recording.gaps[np.argmax(lost), 0])
         raise InputError(
-            f"{where} cannot be used: samples are lost after sample {after}, and with them part of "
-            "the turn's angle; record it again",
+            f"{where} cannot be used: samples were lost after sample {after}, and with them "
+            "part of the turn's angle; record it again",
             names=(mark.label,),
         )
 

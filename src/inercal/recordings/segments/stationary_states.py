@@ -88,7 +88,7 @@ def omitted_state_findings(
         if not any(still[first] for first, _ in here):
             short += _short_rest(recording, name, rests, bool(short) or name in known)
         if not short and name not in known:
-            short = [_OmittedState(name, "nowhere steady or at rest")]
+            short = [_OmittedState(name, "never steady or at rest")]
         lost += short
     kinds = dict.fromkeys(one.kind for one in lost)
     texts = [_omission_text([one for one in lost if one.kind == kind]) for kind in kinds]

@@ -79,7 +79,7 @@ def earth_rate_azimuth(
         reading,
         np.full(len(reading), sd),
         missing,
-        "read the gyro at four or more angles, evenly over a turn",
+        "read the gyro at four or more angles, evenly spaced over a turn",
         level=SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL,
     )
     c, s = fit.value[:2]
@@ -88,8 +88,8 @@ def earth_rate_azimuth(
     u = float(np.sqrt(across @ fit.covariance[:2, :2] @ across))
     if amplitude < _FLAT * u:
         raise InputError(
-            f"the earth's rate is not seen: an amplitude of {hour * amplitude:.3g} °/h with u = "
-            f"{hour * u:.2g} °/h; read longer or at more angles",
+            f"the earth's rate was not detected: an amplitude of {hour * amplitude:.3g} °/h "
+            f"with u = {hour * u:.2g} °/h; read longer or at more angles",
             key="[measurement] file",
         )
     _, level = earth_rate_up_north(latitude)
@@ -108,7 +108,7 @@ def earth_rate_azimuth(
     value = (atan2(s, c) - offset[0] + pi) % (2 * pi) - pi
     variance = (u / amplitude) ** 2 + offset[1] ** 2
     unseen = (
-        "the direction of the gyro's input axis in the body: it is taken as stated by offset",
+        "the direction of the gyro's input axis in the body: it is assumed to be offset as stated",
     )
     remarks = (f"amplitude {hour * amplitude:.4g} °/h, expected {hour * expected:.4g} °/h",)
     result = from_fit(

@@ -56,7 +56,7 @@ def local_gravity(
     slope = gradient or Measured(GRADIENT, _GRADIENT_SHARE * GRADIENT)
     value = point.value - slope.value * height
     variance = point.sd**2 + (slope.sd * height) ** 2 + (0.0 if tide else TIDE**2 / 3)
-    unseen = () if tide else ("the tide of the day: ± 0.15 mGal is in the uncertainty",)
+    unseen = () if tide else ("the tide of the day: the uncertainty includes ± 0.15 mGal",)
     return from_fit(fit, ("g",), "m/s²", np.array([value]), np.array([[variance]]), unseen, remarks)
 
 
@@ -89,9 +89,9 @@ def tied_gravity(
     changes = int(np.count_nonzero(np.diff(site)))
     if len(set(site.tolist())) < 2 or changes < 2:
         raise InputError(
-            "the gravimeter did not come back to "
-            f"{'the laboratory' if before else 'the point of the network'}: the drift of its zero "
-            "cannot be distinguished from the difference; close the loop",
+            "the gravimeter was not read again at "
+            f"{'the laboratory' if before else 'the point of the network'}, so the drift of its "
+            "zero cannot be distinguished from the difference; close the loop",
             key="[measurement] file",
         )
     time = hours - hours.mean()

@@ -100,7 +100,7 @@ def head_map(
             )
         if own.min() < 0 or own.max() >= len(deviation):
             raise InputError(
-                f"face {int(own.max()) + 1} is none of the {len(deviation)} of the polygon",
+                f"the polygon has {len(deviation)} faces, but no face {int(own.max()) + 1}",
                 key="[measurement] face",
             )
         noise = sd**2 * np.eye(len(angle))
@@ -128,8 +128,8 @@ def _positions(angle: Array) -> tuple[NDArray[np.intp], int]:
     off = np.abs(np.mod(turned - 2 * pi * place / n + pi, 2 * pi) - pi)
     if n < _FEWEST or off.max() > 1e-3 or len(np.unique(place)) < n:
         raise InputError(
-            f"the {n} positions are not evenly spaced over a turn: measure at even steps, "
-            "at least three",
+            f"the {n} positions are not evenly spaced over a turn: measure at equal steps, at "
+            "least three",
             key="[measurement] angle",
         )
     return place, n
@@ -176,8 +176,8 @@ def _closure(
         columns,
         reading,
         np.full(len(reading), sd),
-        unseen="the polygon is not separated from the head; turn the polygon by one face in each "
-        "further series",
+        unseen="the polygon cannot be separated from the head; turn the polygon by one face in "
+        "each further series",
         level=SIGNIFICANCE_LEVEL / 2,
     )
     k = n - 1

@@ -112,8 +112,8 @@ def radius_by_sensor(
         )
     if sensor.k2 is None:
         raise InputError(
-            "the quadratic term of the sensor is not stated: at many g it acts like another radius "
-            "and like a stretch; measure it at 1 g and state k2",
+            "the quadratic term of the sensor is not stated: at many g it acts like a change of "
+            "radius and like a stretch; measure it at 1 g and state k2",
             key="[measurement] k2",
         )
     free = ("radius", "stretch") if stretch else ("radius",)
@@ -145,7 +145,7 @@ def radius_by_sensor(
         fit.dof,
         fit.p_value,
         fit.suspects,
-        ("the attitude of the sensor: it is taken to point to the axis",),
+        ("the attitude of the sensor: it is assumed to point to the axis",),
         (
             f"u of the radius, relative: {1e6 * np.sqrt(fit.covariance[0, 0]) / x['radius']:.2g} "
             "ppm",

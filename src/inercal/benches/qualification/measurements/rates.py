@@ -94,9 +94,8 @@ def rate_error(
     if len(names) > 1:
         if len(set(sense.tolist())) < 2:
             raise InputError(
-                "all rates have one sense: their error cannot be distinguished from "
-                "the asymmetry; count in "
-                "both senses",
+                "all rates are in the same sense, so their error cannot be distinguished from "
+                "the asymmetry; count in both senses",
                 key="[measurement] file",
             )
         columns = np.stack([columns[:, 0], sense], axis=-1)
@@ -144,8 +143,8 @@ def rate_stability(
     dof = len(found) - groups
     if dof < _FEWEST - 1:
         raise InputError(
-            f"{len(found)} counts at {groups} set rates leave {dof} degrees of freedom: repeat the "
-            f"count at one rate {_FEWEST} times or more",
+            f"{len(found)} counts at {groups} set rates leave {dof} degrees of freedom: repeat "
+            f"the count at one rate at least {_FEWEST} times",
             key="[measurement] file",
         )
     mean = np.array([found[of == k].mean() for k in range(groups)])
@@ -158,7 +157,7 @@ def rate_stability(
     remarks = (
         f"scatter {1e6 * sqrt(scatter):.3g} ppm of {len(found)} counts, of which the counter has "
         f"{1e6 * sqrt(noise):.3g} ppm"
-        + ("" if seen else ": none is seen; the limit of 95 % is stated"),
+        + ("" if seen else ": none was detected; the 95 % limit is stated"),
     )
     suspects: tuple[str, ...] = ()
     step = np.diff(residual)[np.diff(of) == 0]

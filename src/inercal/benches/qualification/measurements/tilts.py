@@ -73,7 +73,7 @@ def table_tilt(
         reading,
         np.full(len(reading), sd),
         missing,
-        "read the level at more azimuths, evenly over a turn",
+        "read the level at more azimuths, evenly spaced over a turn",
     )
     lean = fit.value[:2]
     covariance = fit.covariance[:2, :2] + scale_sd**2 * np.outer(lean, lean)
@@ -81,7 +81,7 @@ def table_tilt(
     remarks = tuple(
         f"wobble {k} times a turn: {size / ARCSEC:.2g}″" for k, size in enumerate(amplitudes, 2)
     )
-    unseen = ("a wobble once a turn, which is read as lean",)
+    unseen = ("a wobble once a turn, which looks like lean",)
     return from_fit(fit, ("lean_x", "lean_y"), "rad", lean, covariance, unseen, remarks)
 
 
@@ -93,8 +93,8 @@ def refuse_base_level() -> None:
     InputError
     """
     raise InputError(
-        "a level on the base sees the wobble of the table alone: its zero and the lean are one "
-        "constant; set the level on the table",
+        "a level on the base sees only the wobble of the table, and its zero cannot be "
+        "distinguished from the lean; set the level on the table",
         key="[measurement] level_at",
     )
 
@@ -128,9 +128,8 @@ def right_angle(
     """
     if not ({1.0, -1.0} == set(np.unique(sense).tolist())):
         raise InputError(
-            "the level was read in one sense: its zero cannot be distinguished from "
-            "the right angle; read it "
-            "direct (1) and reversed (-1)",
+            "the level was read in only one sense, so its zero cannot be distinguished from the "
+            "right angle; read it direct (1) and reversed (-1)",
             key="[measurement] sense",
         )
     even = np.ones_like(angle)
@@ -146,9 +145,8 @@ def right_angle(
         reading,
         np.full(len(reading), sd),
         missing,
-        "the lean of the carrying axis cannot be distinguished from "
-        "the right angle; turn it to three or more "
-        "angles, evenly over a turn",
+        "the lean of the carrying axis cannot be distinguished from the right angle; turn it to "
+        "three or more angles, evenly spaced over a turn",
     )
     value = sign * fit.value[:1]
     covariance = fit.covariance[:1, :1] + scale_sd**2 * np.outer(value, value)
