@@ -105,6 +105,7 @@ def test_xsens_adds_the_sensitivity_to_acceleration_by_itself(xsens: Outcome, fo
     found, stated = (calibrate(folder / "xsens.toml", also=also) for also in ("auto", ["g"]))
     (added,) = found.additions
     assert (added.group, len(added.coefficients)) == ("g", 9)
+    assert found.verdict.grade == "reservations"
     assert added.chi2_before == pytest.approx(4884, abs=1)
     assert added.chi2_after == pytest.approx(589, abs=1)
     assert added.chi2_before == xsens.estimate.score_tests.chi2

@@ -51,7 +51,7 @@ CASES: dict[str, BadInput] = {
     "an empty MCAP": other("log.mcap", b"", "bag"),
     "an empty ULog": other("log.ulg", b"", "ULog"),
     "an empty DataFlash": other("log.bin", b"", "empty"),
-    "a page of a web server": log("<!DOCTYPE html><html>404</html>\n", "no data"),
+    "a page of a web server": log("<!DOCTYPE html><html>404</html>\n", "HTML page"),
     "a pointer of Git LFS": log("version https://git-lfs.github.com/spec/v1\nsize 9\n", "'time'"),
     "commas, then semicolons": log(
         each_row(lambda k, r: r if k < 800 else [";".join(r)]), "line 802"

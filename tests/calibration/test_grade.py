@@ -157,6 +157,23 @@ def test_a_group_with_excess_counts_by_what_it_was_before() -> None:
     assert graded(replace(estimate(), groups=(group,))).grade == "reservations"
 
 
+@pytest.mark.parametrize(
+    ("dof", "ratio", "expected"),
+    [
+        (np.inf, 1.9, "reservations"),
+        (np.inf, 2.1, "unreliable"),
+        (300.0, 2.9, "reservations"),
+        (300.0, 3.1, "unreliable"),
+    ],
+)
+def test_noise_measured_within_rests_has_the_wider_limit(
+    dof: float, ratio: float, expected: str
+) -> None:
+    rows = np.zeros((1, 1)), np.ones((1, 1))
+    group = ResidualGroup("norms", "m/s²", ("a",), *rows, 30 * ratio**2, 30, ScatterModel(excess=1))
+    assert graded(replace(estimate(), noise_dof=dof, groups=(group,))).grade == expected
+
+
 @pytest.mark.slow
 def test_false_alarms_are_one_per_cent_at_most() -> None:
     wrong = sum(graded(estimate(seed=seed)).grade != "consistent" for seed in range(600))

@@ -33,7 +33,8 @@ from inercal.pipeline import Outcome, calibrate
 from inercal.pipeline.design.worksheet import build_worksheet, worksheet_csv
 from inercal.runfile import read
 
-LEVEL, MOST_SCATTER, MOST_SHIFT, LEAST_FACTOR = 0.01, 2.0, 1.0, 1.3
+LEVEL, MOST_SHIFT, LEAST_FACTOR = 0.01, 1.0, 1.3
+MOST_SCATTER, MOST_SCATTER_OF_RESTS = 2.0, 3.0  # times as stated; as measured within rests
 FACTORS = (1.0, 1.5, 2.5, 5.0, 1 / 1.5, 1 / 3)
 TABLES = [
     name
@@ -64,9 +65,8 @@ def require_rule(outcome: Outcome) -> None:
         for reason in verdict.reasons
     )
     rejected = any(test.adjusted < LEVEL for test in verdict.tests) or scores
-    bad = (rejected and verdict.scatter > MOST_SCATTER) or (
-        best is not None and best.shift > MOST_SHIFT
-    )
+    most = MOST_SCATTER_OF_RESTS if np.isfinite(estimate.noise_dof) else MOST_SCATTER
+    bad = (rejected and verdict.scatter > most) or (best is not None and best.shift > MOST_SHIFT)
     far = [float(v) for n, v in zip(estimate.names, estimate.value, strict=True)
            if n.endswith((".k1", ".scale"))]  # fmt: skip
     bad = bad or any(not 0.65 < 1 + one < 1.5 for one in far)

@@ -9,8 +9,12 @@ tests where nothing is scored. The grade is::
     usable with reservations   a test rejects the model, or a check warns, or nothing was tested
     not to be relied on        the fit did not converge, a scale factor is far from nominal, a check
                                refused, or a test rejects the model and either the scatter is more
-                               than twice the stated scatter, or the best of the causes tested
-                               shifts a coefficient by more than its U
+                               than twice the stated scatter (three times that measured within
+                               rests), or the best of the causes tested shifts a coefficient by
+                               more than its U
+
+Noise measured within rests contains no change from one rest to the next, which every sensor has in
+some measure, and U includes such a scatter: hence its wider limit.
 
 The best of the causes tested is that of `inercal.calibration.best_cause`; it is the suspect where
 what it leaves unexplained is not significant. Otherwise no single cause explains the residuals.
@@ -56,6 +60,7 @@ GRADE_WORDS: dict[Grade, str] = {
 }
 GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreliable": "bad"}
 _MAX_SCATTER = 2.0  # times the stated scatter
+_MAX_SCATTER_OF_RESTS = 3.0  # times the scatter measured within rests
 _MAX_SHIFT = 1.0  # U
 _SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within a quarter of it
 _MOST_REASON = 75  # characters of the message of a check that is a reason
@@ -274,7 +279,10 @@ def grade_estimate(
     if not np.all(estimate.converged):
         bad.append("the fit did not converge")
     bad += [*far, *_finding_reasons(findings, "refused")]
-    if assessment.rejects and largest_birge_ratio > _MAX_SCATTER:
+    measured = bool(np.isfinite(estimate.noise_dof))
+    if assessment.rejects and largest_birge_ratio > (
+        _MAX_SCATTER_OF_RESTS if measured else _MAX_SCATTER
+    ):
         times = two_digits(largest_birge_ratio)
         bad.append(f"the residuals are {times} times as large as noise and bench allow")
     if best is not None and best.shift > _MAX_SHIFT:
