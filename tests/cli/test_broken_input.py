@@ -97,10 +97,10 @@ INPUTS = {
         ("log.csv line 500, column 'acc_z'", "ERR"), row(500, lambda r: [*r[:3], "ERR", r[4]])
     ),
     "g declared as m/s²": Broken(
-        ("log.csv", "g declared as m/s²"), changes=(('unit = "g"', 'unit = "m/s²"'),)
+        ("log.csv", 'state unit = "g"'), changes=(('unit = "g"', 'unit = "m/s²"'),)
     ),
     "m/s² declared as g": Broken(
-        ("log.csv", "m/s² declared as g"),
+        ("log.csv", 'state unit = "m/s²"'),
         cells(lambda r: [r[0], *(str(9.80665 * float(x)) for x in r[1:4]), r[4]]),
     ),
     "time backwards": Broken(
@@ -147,7 +147,7 @@ INPUTS = {
         text=FERRARIS,
     ),
     "swapped columns": Broken(
-        ("section x_p should have +x up", "columns swapped"),
+        ("section x_p should have +x up", "swapped"),
         cells(lambda r: [r[0], r[2], r[1], *r[3:]]),
         (LABELLED,),
     ),
@@ -156,7 +156,7 @@ INPUTS = {
         changes=(('time = "time"\n', 'time = "time"\nmarks = "labels"\n'),),
     ),
     "a label that returns": Broken(
-        ("log.csv: label 'x_p' returns at line 1000",),
+        ("log.csv: label 'x_p' appears again at line 1000",),
         row(1000, lambda r: [*r[:4], "x_p"]),
         (LABELLED,),
     ),
@@ -324,5 +324,5 @@ def test_a_demonstration_into_a_file_is_refused(
     taken = tmp_path / "taken"
     taken.write_text("mine", encoding="utf-8")
     line = failure(monkeypatch, capsys, "demo", "--out", taken)
-    assert line.startswith(f"{taken}: cannot be made")
+    assert line.startswith(f"{taken} is a file")
     assert taken.read_text(encoding="utf-8") == "mine"

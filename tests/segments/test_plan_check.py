@@ -67,16 +67,16 @@ AS_THEY_ARE, ONES = [0, 1, 2, 3, 4, 5], [1.0] * 6
 @pytest.mark.parametrize(
     ("columns", "factors", "rows", "section", "hint"),
     [
-        (AS_THEY_ARE, ONES, {"x_a": "y_a"}, "x_a", "another section"),
-        (AS_THEY_ARE, ONES, {"x_p": "x_a", "x_a": "x_p"}, "x_p", "another section"),
-        (AS_THEY_ARE, ONES, {"x_rot": "z_a"}, "x_rot", "another section"),
-        ([1, 0, 2, 3, 4, 5], ONES, {}, "x_p", "columns swapped"),
-        ([0, 1, 2, 5, 4, 3], ONES, {}, "x_rot", "columns swapped"),
+        (AS_THEY_ARE, ONES, {"x_a": "y_a"}, "x_a", "wrong section"),
+        (AS_THEY_ARE, ONES, {"x_p": "x_a", "x_a": "x_p"}, "x_p", "wrong section"),
+        (AS_THEY_ARE, ONES, {"x_rot": "z_a"}, "x_rot", "wrong section"),
+        ([1, 0, 2, 3, 4, 5], ONES, {}, "x_p", "swapped"),
+        ([0, 1, 2, 5, 4, 3], ONES, {}, "x_rot", "swapped"),
         (AS_THEY_ARE, [1, -1, 1, 1, 1, 1], {}, "y_p", "reversed"),
         (AS_THEY_ARE, [1, 1, 1, *[1 / DEGREE] * 3], {}, "x_rot", "°/s taken for rad/s"),
         (AS_THEY_ARE, [1, 1, 1, *[DEGREE] * 3], {}, "x_rot", "rad/s taken for °/s"),
         (AS_THEY_ARE, [1, 1, 1, *[16.4] * 3], {}, "x_rot", "16.6 times the turn: check unit"),
-        (AS_THEY_ARE, [1, 1, 1, *[0.1] * 3], {}, "x_rot", "another section"),
+        (AS_THEY_ARE, [1, 1, 1, *[0.1] * 3], {}, "x_rot", "wrong section"),
     ],
 )
 def test_means_that_contradict_the_plan_are_refused_by_section(

@@ -62,7 +62,7 @@ def test_a_rest_that_was_all_of_a_mounting_is_named():
 def test_a_mounting_in_which_the_table_is_never_steady_is_named():
     made = session(*FULL, ("YX", 30.0, 0.0), ("YX", 0.0, 0.0), ("XY", 0.0, 1.0))
     (words,) = said(made)
-    assert "YX (nowhere steady" in words
+    assert "YX (never steady" in words
 
 
 def test_a_recording_that_ends_during_a_dwell_is_reported():

@@ -152,9 +152,9 @@ def prepare_folder(path: str | os.PathLike[str]) -> None:
     """
     path = Path(path)
     require_plain_name(path)
-    if path.is_file():
-        raise InputError(f"{path} is a file; name a folder", file=path)
     with os_errors_as_input_errors(path, "made"):
+        if path.is_file():
+            raise InputError(f"{path} is a file; name a folder", file=path)
         is_run = (path / JOURNAL).exists()
         path.mkdir(parents=True, exist_ok=True)
     if is_run:
