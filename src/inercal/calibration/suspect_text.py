@@ -61,7 +61,9 @@ def bench_words(name: str, components: Sequence[str], expected: Mapping[str, Par
         if full in components or ErrorName(full).name in components
     )
     meaning = next(iter(meanings), "")
-    return f"{meaning} ({name})" if meaning and meaning != name else f"bench parameter {name}"
+    if meaning == name:
+        return f"{name} of the bench"
+    return f"{meaning} ({name})" if meaning else f"bench parameter {name}"
 
 
 def _without_prior(components: Sequence[str]) -> list[str]:
@@ -94,7 +96,8 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
     if one is None:
         return ""
     words = cause_words(one.name, one.kind, one.components, sensor, expected)
-    size = f", {text}" if (text := size_words(one, sensor)) else ""
+    off = "off by " * (one.kind == "bench")
+    size = f", {off}{text}" if (text := size_words(one, sensor)) else ""
     if assessment.suspect is not None:
         return first_fit(*(f"Most likely cause: {words}{text}." for text in (size, "")))
     if one.chi2 < _LEAST_SHARE * (one.chi2 + one.remaining_chi2):

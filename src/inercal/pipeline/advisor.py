@@ -8,7 +8,7 @@ again: it would take as long as the calibration itself.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import ceil, floor, log10
+from math import ceil, degrees, floor, log10
 
 import numpy as np
 
@@ -227,13 +227,14 @@ class RunAdvisor:
         parameter = self._expected.get(full)
         name = ErrorName(full).name
         unit, factor = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
+        if name == "latitude":
+            unit, factor = "°", degrees(1)
         deviation = f"{_rounded_up(size * factor)} {unit}"
         value = getattr(self._run.bench, {"g": "gravity"}.get(name, name), None)
         declared = parameter is not None or name in declarations(type(self._run.bench))
         if isinstance(value, float) and not declared:
-            angle = unit == "rad"
             moved = value + departure
-            return f"{np.degrees(moved):.4g} °" if angle else f"{moved * factor:.6g} {unit}"
+            return f"{degrees(moved):.4g} °" if unit == "rad" else f"{moved * factor:.6g} {unit}"
         if not isinstance(value, Measured):
             return deviation
         before = stated.partition("±")[0].strip() if stated else ""

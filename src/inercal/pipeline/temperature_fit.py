@@ -29,7 +29,7 @@ from inercal.pipeline.temperature_orders import (
     used_orders,
     with_orders,
 )
-from inercal.recordings import Finding, Observations, temperature_rate
+from inercal.recordings import Finding, Observations
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.environment import Environment
 from inercal.recordings.environment.soaks import (
@@ -281,12 +281,20 @@ def _ordered_ramp(run: Run, inputs: EstimatorInput) -> tuple[Run, EstimatorInput
 
 
 def _row_rates(inputs: EstimatorInput) -> Array | None:
-    """Return the mean rate of the temperature in each row, (r,) K/s; None of means."""
+    """Return the slope of the temperature within each section, (r,) K/s; None of means.
+
+    Only its own samples count: another soak may follow in the same file.
+    """
     recording = inputs.recording
     if recording is None or recording.temperature is None or not inputs.marks:
         return None
-    rate = temperature_rate(recording.time, recording.temperature)
-    by_label = {mark.label: float(rate[mark.start : mark.stop].mean()) for mark in inputs.marks}
+    by_label: dict[str, float] = {}
+    for mark in inputs.marks:
+        time = recording.time[mark.start : mark.stop]
+        time = time - time.mean()
+        square = float(time @ time)
+        product = float(time @ recording.temperature[mark.start : mark.stop])
+        by_label[mark.label] = product / square if square else 0.0
     return np.array([by_label[label] for label in inputs.observations.labels])
 
 

@@ -93,7 +93,7 @@ class RatePlatform:
     ----------
     gravity : Measured
         Local gravity, m/s².
-    latitude : float or None
+    latitude : Measured or None
         rad, positive in the north; gyros need it.
     rate_scale, rate_asymmetry, rate_stability : float or None
         Standard deviations of ρ, γ and r.
@@ -122,7 +122,7 @@ class RatePlatform:
     """
 
     gravity: Measured
-    latitude: float | None = None
+    latitude: Measured | None = None
     rate_scale: float | None = None
     rate_asymmetry: float | None = None
     rate_stability: float | None = None
@@ -137,7 +137,7 @@ class RatePlatform:
 
     def __post_init__(self) -> None:
         if self.latitude is not None:
-            earth_rate_up_north(self.latitude)  # refuses an impossible latitude
+            earth_rate_up_north(self.latitude.value)  # refuses an impossible latitude
         deviations = {"gravity": self.gravity.sd} | {
             name: value for name in STATED if (value := self.deviation(name)) is not None
         }
@@ -164,7 +164,7 @@ class RatePlatform:
     def _earth(self) -> list[Parameter]:
         if self.latitude is None:
             return []
-        _, level = earth_rate_up_north(self.latitude)
+        _, level = earth_rate_up_north(self.latitude.value)
         sd = level / sqrt(2) if level > _EXACT else 0.0
         text = "level part of the earth's rate"
         scopes: dict[str, Scope] = {"earth": "mounting", "pose_earth": "position"}
@@ -189,6 +189,8 @@ class RatePlatform:
         by_force = gyros and sensor.select_axes("w").uses("fi", "fp", "fo")
         self._require_stated(steps, gyros, by_force)
         acting = {"g": local_gravity(self.gravity)} if forces or by_force else {}
+        if gyros and self.latitude is not None and self.latitude.sd > 0:
+            acting["latitude"] = _latitude_parameter(self.latitude)
         acting |= dict(self._acting_places(steps, gyros, by_force))
         return acting
 
@@ -200,7 +202,7 @@ class RatePlatform:
         found = self.nuisances(steps, sensor)
         if self.latitude is None or not sensor.select_axes("w").axes:
             return found
-        found["latitude"] = Parameter("latitude", "rad", 0.0, "run", self.latitude, "latitude")
+        found["latitude"] = _latitude_parameter(self.latitude)
         exact = self if self.turn_on is not None else replace(self, turn_on=0.0)
         return found | exact.nuisances(steps, sensor)
 
@@ -276,6 +278,10 @@ class RatePlatform:
     def without_earth_rate(self) -> "RatePlatform":
         """Return the bench on an earth that does not turn."""
         return replace(self, latitude=None)
+
+
+def _latitude_parameter(latitude: Measured) -> Parameter:
+    return Parameter("latitude", "rad", latitude.sd, "run", latitude.value, "latitude")
 
 
 def _turning(steps: Sequence[PlatformStep]) -> tuple[list[RateDwell], list[RateDwell]]:

@@ -49,7 +49,7 @@ def sensed_motion(
     shape = np.broadcast_shapes(*(np.shape(one) for one in q.values()))
     zero = np.zeros(shape)
     g = np.broadcast_to(np.asarray(q.get("g", bench.gravity.value), dtype=float), shape)
-    place = None if bench.latitude is None else q.get("latitude", np.array(bench.latitude))
+    place = None if bench.latitude is None else q.get("latitude", np.array(bench.latitude.value))
     up_rate, north_rate = zero, zero
     if place is not None:
         up_rate, north_rate = zero + EARTH_RATE * np.sin(place), zero + EARTH_RATE * np.cos(place)

@@ -246,7 +246,7 @@ def _conditions(bench: RatePlatform, steps: Sequence[PlatformStep]) -> dict[str,
     dwells = [step for step in steps if isinstance(step, RateDwell)]
     result = {"gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²")}
     if bench.latitude is not None:
-        result["latitude"] = f"{bench.latitude * 180 / np.pi:.6g} °"
+        result["latitude"] = format_quantity(bench.latitude.value, bench.latitude.sd, "°")
     if dwells:
         rates: Array = np.array([step.rate for step in dwells]) * 180 / np.pi
         result["rates"] = f"{rates.min():.6g} to {rates.max():.6g} °/s".replace("-", "−")

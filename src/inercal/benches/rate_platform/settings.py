@@ -110,7 +110,7 @@ def build(section: RatePlatformSection, folder: Path) -> RatePlatform:
     """Return the bench in SI; files that it names lie in `folder`."""
     latitude = None
     if section.latitude is not None:
-        latitude = measured_constant(section.latitude, "°", "[bench] latitude").value
+        latitude = measured_constant(section.latitude, "°", "[bench] latitude", last_digit=False)
     stated: dict[str, Any] = {
         name: section_deviation(section, name, one.like, SMALL_ANGLE if one.like == "°" else None)
         for name, one in STATED.items()

@@ -7,7 +7,7 @@ often dominate U, such as half a degree of a face's tilt, or a degree of a turn.
 from collections.abc import Mapping
 from difflib import get_close_matches
 from types import UnionType
-from typing import TYPE_CHECKING, Any, Union, cast, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -33,6 +33,8 @@ def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
 
     >>> stated_values({"data.gyro": "a,b,c", "data.accelerometer": "[2, 3, 4]"})
     {'data.gyro': ['a', 'b', 'c'], 'data.accelerometer': [2, 3, 4]}
+    >>> stated_values({"method.temperature_order": "auto"})
+    {'method.temperature_order': 'auto'}
 
     Raises
     ------
@@ -124,6 +126,9 @@ def _column_name(column: object, table: Table) -> str:
 
 def _value(key: str, text: str) -> Any:
     types = _types(key)
+    words = [word for one in types if get_origin(one) is Literal for word in get_args(one)]
+    if text in words:
+        return text
     if any(get_origin(one) in (tuple, list) for one in types):
         return _list(key, text)
     if str in types and not (int in types and text.isdecimal()):
