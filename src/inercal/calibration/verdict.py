@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.basics.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice
 from inercal.calibration import explanation
@@ -27,7 +28,13 @@ from inercal.calibration.detectability import (
     undetectable_causes,
     undetectable_exact_parameters,
 )
-from inercal.calibration.explanation import ExplanationSection, first_fit, fit, fit_list
+from inercal.calibration.explanation import (
+    MOST_CHARACTERS,
+    ExplanationSection,
+    first_fit,
+    fit,
+    fit_list,
+)
 from inercal.calibration.grade import (
     Assessment,
     Verdict,
@@ -70,6 +77,7 @@ _REMEDIES = (
     "use ",
     "wait ",
 )  # begin the last clause of a finding that says what to do
+_MAIN_SHARE = 0.5  # of a variance that one quantity of the bench contributes
 _GROUP_WORDS = {
     "scale": "scale factor",
     "cross": "cross-axis",
@@ -96,12 +104,19 @@ class _Step(NamedTuple):
 
 
 class _Uncertainty(NamedTuple):
-    """The largest expanded uncertainty of a group of coefficients in one unit."""
+    """The largest expanded uncertainty of a group of coefficients in one unit.
+
+    `source` is the bench quantity from which more than half of its square comes; empty if none.
+    """
 
     kind: str
     group: str
     size: str
     unit: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.size} {self.unit}{self.source and f' (from {self.source})'}"
 
 
 def verdict(
@@ -160,7 +175,7 @@ def verdict(
         *(one.message for one in findings if one.what == UNSEEN),
         *(f"error of {bench_words(name, (name,), expected)}" for name in exact),
     )
-    largest = _largest_uncertainties(estimate, sensor)
+    largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
     scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
@@ -174,16 +189,17 @@ def verdict(
             *scales,
         ),
         explanation.NEXT_STEPS: tuple(one.text for one in steps),
-        explanation.UNCERTAINTIES: tuple(
-            f"{one.kind} {one.group}: {one.size} {one.unit}" for one in largest
-        ),
+        explanation.UNCERTAINTIES: tuple(f"{one.kind} {one.group}: {one}" for one in largest),
         explanation.UNDETECTABLE: undetectable,
         explanation.REMARKS: merge_messages(estimate.notes),
         explanation.CHECKS: merge_messages(told),
     }
-    why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
-    cause = next(iter(far.values()), "")
     word = _sentence(graded.word)
+    why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
+    if not graded.reasons and (factor := _noise_factor(findings)):
+        word = f"{word}, but U is too large"
+        why = f"the residuals are {factor} times smaller than noise and bench imply"
+    cause = next(iter(far.values()), "")
     lines = (
         first_fit(f"{word}: {why}.", f"{word}: {why.partition(' (')[0]}."),
         fit(added),
@@ -212,6 +228,12 @@ def verdict(
 
 def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
+
+
+def _noise_factor(findings: Sequence[Finding]) -> str:
+    """Return by how much noise and bench were stated too large; empty if they were not."""
+    factors = [one.factor for one in findings if one.factor is not None and one.factor > 1]
+    return two_digits(max(factors)) if factors else ""
 
 
 def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str]]:
@@ -261,7 +283,7 @@ def _steps_on_undetectable(
     """Yield how to estimate those coefficients of which no test shows anything."""
     free = [one.name for one in unseen if one.component in possible]
     if free and (advice := advisor.on_coefficients(free)):
-        text = f"To estimate more of the effects that are not detectable, {_changes_words(advice)}"
+        text = f"Some of the undetectable effects can be estimated: {_changes_words(advice)}"
         yield _Step(text, advice, needed=False)
 
 
@@ -335,31 +357,63 @@ def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) ->
     return f"{words}: {two_digits(one.size / line.si)} {line.unit}"
 
 
-def _largest_uncertainties(estimate: Estimate, sensor: Sensor) -> list[_Uncertainty]:
+def _largest_uncertainties(
+    estimate: Estimate, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> list[_Uncertainty]:
     """Return the largest uncertainty of each group and unit; none where nothing was tested."""
     if not (estimate.dof or estimate.groups):
         return []
     measures = {axis.name: axis.measures for axis in sensor.axes}
-    groups: dict[tuple[str, str, str], tuple[float, _Uncertainty]] = {}
-    for name, std in zip(sensor.coefficients, estimate.std.tolist(), strict=False):
+    groups: dict[tuple[str, str, str], tuple[float, int, _Uncertainty]] = {}
+    for k, (name, std) in enumerate(zip(sensor.coefficients, estimate.std.tolist(), strict=False)):
         kind = QUANTITIES[measures[CoefficientName(name).axis]].sensor
         line = sensor.coefficient(name)
         group = line.group.partition("_")[0]  # all of temperature together
         key = (kind, group, line.unit)
         if key not in groups or std > groups[key][0]:
             size = two_digits(COVERAGE * std / line.si)
-            word = _GROUP_WORDS.get(group, group)
-            groups[key] = std, _Uncertainty(kind, word, size, line.unit)
-    return [one for _, one in groups.values()]
+            word = line.meaning if group == "temperature" else _GROUP_WORDS.get(group, group)
+            groups[key] = std, k, _Uncertainty(kind, word, size, line.unit)
+    sources = _main_sources(estimate, expected, [k for _, k, _ in groups.values()])
+    return [
+        one._replace(source=source)
+        for (_, _, one), source in zip(groups.values(), sources, strict=True)
+    ]
+
+
+def _main_sources(
+    estimate: Estimate, expected: Mapping[str, Parameter], rows: Sequence[int]
+) -> list[str]:
+    """Return the bench quantity from which more than half of a variance comes, for each estimate.
+
+    Empty if there is none.
+    """
+    variances, shares = np.square(estimate.std[list(rows)]), dict[str, Array]()
+    for name, parameter in expected.items():
+        slope = estimate.sensitivity(name, parameter.sd) if parameter.sd > 0 else None
+        if slope is not None:
+            word = parameter.meaning or ErrorName(name).name
+            share = np.square(slope[list(rows)] * parameter.sd) / variances
+            shares[word] = shares.get(word, 0.0) + share
+    return [
+        next((word for word, share in shares.items() if share[k] > _MAIN_SHARE), "")
+        for k in range(len(rows))
+    ]
 
 
 def _uncertainty_line(largest: Sequence[_Uncertainty]) -> str:
-    """Return the largest uncertainties of both kinds of sensors in one line."""
-    groups: dict[str, list[str]] = {}
-    for one in largest:
-        groups.setdefault(one.group, []).append(f"{one.size} {one.unit}")
-    parts = [f"{group} {', '.join(sizes)}" for group, sizes in groups.items()]
-    return fit_list("Largest U (k = 2): ", parts, separator="; ") if parts else ""
+    """Return the largest uncertainties in one line, with as many sources as it has place for."""
+    sourced = [k for k, one in enumerate(largest) if one.source]
+    for count in range(len(sourced), -1, -1):
+        groups: dict[str, list[str]] = {}
+        for k, one in enumerate(largest):
+            told = one if k in sourced[:count] else one._replace(source="")
+            groups.setdefault(one.group, []).append(str(told))
+        parts = [f"{group} {', '.join(each)}" for group, each in groups.items()]
+        text = f"Largest U (k = 2): {'; '.join(parts)}."
+        if len(text) <= MOST_CHARACTERS or not count:
+            return fit_list("Largest U (k = 2): ", parts, separator="; ") if parts else ""
+    return ""
 
 
 def _count_line(count: int) -> str:
