@@ -1,7 +1,7 @@
-"""The patent's method: K0 and k1 + K3 from the four cardinal positions, the rest from g² and priors.
+"""The patent's method: K0 and k1 + K3 from four cardinal positions, the rest from g² and priors.
 
-The results from the four positions are fixed. Then ‖f̂‖ = g at the other positions determines δ, K2,
-Kip and K3, with k1 = (k1 + K3) − K3. K_A3 and K_B3 have the same effect there, so their difference
+The results from the four positions are fixed. Then ‖f̂‖ = g at the other positions determines δ,
+K2, Kip and K3, with k1 = (k1 + K3) − K3. K_A3 and K_B3 have the same effect there, so their difference
 needs a prior, and so does the difference between the k1. Once δ is known, the results from the four
 positions are computed again, and then the others.
 
@@ -237,9 +237,9 @@ def _two_stage_covariance(
 ) -> tuple[Array, Array]:
     """Return the covariance of all coefficients, and their derivative by the readings, (p, 2r).
 
-    Both stages are linear in the readings. The second changes by dx = H⁻¹JᵀW dr with its residual,
-    dr = −∂‖f̂‖/∂y dy − ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and W⁻¹ = `noise`; priors have errors of
-    their own covariance.
+    Both stages are linear in the readings. The result of the second stage changes with its residual
+    by dx = H⁻¹JᵀW dr, where dr = −∂‖f̂‖/∂y dy − ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and
+    W⁻¹ = `noise`. The priors' errors have the priors' covariance.
 
     Parameters
     ----------
