@@ -171,7 +171,9 @@ def _attitude_gain_note(
         alone = least_squares(replace(norms, candidates=None))
         require_observed(alone, sensor, missing=())
     except NotObserved as error:
-        return f"The attitudes determine the following, norms do not: {'; '.join(error.directions)}."
+        return (
+            f"The attitudes determine the following, norms do not: {'; '.join(error.directions)}."
+        )
     p = len(sensor.coefficients)
     ratio = np.sqrt(np.diagonal(estimate.covariance)[:p] / np.diagonal(alone.covariance)[:p])
     words = coefficient_words(sensor, sensor.coefficients[int(ratio.argmin())])
