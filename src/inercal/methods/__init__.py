@@ -283,11 +283,11 @@ class Method(MethodBase, Generic[Bench, Step]):
         more = _stated_coefficients(part, also, possible)
         if beyond := tuple(name for name in (*chosen, *more) if name not in possible):
             seen = "; ".join(
-                f"of {QUANTITIES[kind].sensors} {', '.join((*words, *self.also.get(kind, ())))}"
+                f"for {QUANTITIES[kind].sensors}: {', '.join((*words, *self.also.get(kind, ())))}"
                 for kind, words in self.default_coefficients.items()
             )
             raise InputError(
-                f"method {self.name} cannot estimate {', '.join(beyond)}; it estimates {seen}",
+                f"method {self.name} cannot estimate {', '.join(beyond)}; available {seen}",
                 key="[method]",
                 names=beyond,
             )

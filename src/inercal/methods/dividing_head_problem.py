@@ -128,7 +128,7 @@ def readings_at_stated_angles(
         worst = int(np.argmax(np.abs(beyond)))
         raise InputError(
             f"position {steps[worst].label} is {np.degrees(beyond[worst]):.3g}° from its nominal "
-            "angle, and this estimator corrects 30″ at most; use estimator joint",
+            "angle, but this estimator corrects at most 30″; use estimator joint",
             names=(steps[worst].label,),
         )
     result = sensed_motion(bench, steps, {})

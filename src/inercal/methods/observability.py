@@ -23,8 +23,8 @@ from inercal.physics.plan import HandSteps, Hold, Turn
 from inercal.physics.sensors import Sensor
 
 NOISE_ONLY_NOTE = (
-    "The uncertainties include only the noise of the means, because this estimator takes the bench "
-    "as exact."
+    "The uncertainties include only the noise of the means, because this estimator treats the "
+    "bench as exact."
 )
 OBSERVABILITY_LIMIT = 0.1  # of the natural size
 _MOST_NAMED = 8  # number of coefficients named in a line that also names turns

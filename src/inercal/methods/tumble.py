@@ -240,7 +240,7 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
         words = {"f": "an accelerometer", "w": "a gyro"}
         raise InputError(
-            f"a tumble test takes one accelerometer: name one in [sensor]; sensor {sensor.name} "
+            f"a tumble test needs exactly one accelerometer in [sensor], but sensor {sensor.name} "
             f"has {', '.join(f'{a.name} ({words[a.measures]})' for a in sensor.axes)}",
             key="[sensor]",
             names=sensor.channels,

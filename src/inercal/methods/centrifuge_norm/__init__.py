@@ -171,9 +171,7 @@ def _attitude_gain_note(
         alone = least_squares(replace(norms, candidates=None))
         require_observed(alone, sensor, missing=())
     except NotObserved as error:
-        return (
-            f"The attitudes determine the following, norms do not: {'; '.join(error.directions)}."
-        )
+        return f"Only the known attitudes determine the following: {'; '.join(error.directions)}."
     p = len(sensor.coefficients)
     ratio = np.sqrt(np.diagonal(estimate.covariance)[:p] / np.diagonal(alone.covariance)[:p])
     words = coefficient_words(sensor, sensor.coefficients[int(ratio.argmin())])
@@ -251,7 +249,7 @@ class ClosedFormulas:
             axes = tuple(sorted({CoefficientName(name).axis for name in lost}))
             raise InputError(
                 f"estimator {self.name}: with this noise the fourth-power coefficients of "
-                f"{', '.join(axes)} are negative, but k2 is their square root; use estimator "
+                f"{', '.join(axes)} are negative, but k2 needs their square root; use estimator "
                 "series or ml",
                 names=axes,
             )

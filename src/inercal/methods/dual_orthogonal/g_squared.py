@@ -317,7 +317,7 @@ def require_fixture_sensor(sensor: Sensor, *, allow_single: bool = False) -> Non
         others = ", or one accelerometer along x" if allow_single else ""
         raise InputError(
             f"sensor {sensor.name} does not fit the fixture, which has two accelerometers: a "
-            f"along x with P along y, and b along y with P against x{others}",
+            f"along x with P along y, and b along y with P along −x{others}",
             key="[sensor]",
             names=sensor.channels,
         )

@@ -1,9 +1,9 @@
 """The patent's method: K0 and k1 + K3 from four cardinal positions, the rest from g² and priors.
 
 The results from the four positions are fixed. Then ‖f̂‖ = g at the other positions determines δ,
-K2, Kip and K3, with k1 = (k1 + K3) − K3. K_A3 and K_B3 have the same effect there, so their difference
-needs a prior, and so does the difference between the k1. Once δ is known, the results from the four
-positions are computed again, and then the others.
+K2, Kip and K3, with k1 = (k1 + K3) − K3. K_A3 and K_B3 have the same effect there, so their
+difference needs a prior, and so does the difference between the k1. Once δ is known, the results
+from the four positions are computed again, and then the others.
 
 Sums and differences of the readings at the four cardinal positions give bias, gain and K2 of both
 accelerometers. With u and v the readings of a level accelerometer (0° and 180° for A, 270° and 90°

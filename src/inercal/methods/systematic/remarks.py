@@ -170,7 +170,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
     drift = position_drift(sensor, estimate.value[:p], estimate.stated_covariance[:p, :p], *place)
     before, after = (float(np.hypot(*one)) for one in drift)
     notes += (
-        "After one hour of navigation at rest, z up, from a true start, the position would be "
+        "After one hour of navigation at rest, z up, from the true state, the position would be "
         f"wrong by {_kilometres(before)} without this calibration, and by up to U = "
         f"{_kilometres(after)} with it (k = 2, without noise and later changes).",
     )
@@ -232,8 +232,8 @@ def vertical_turn_messages(attitudes: Array, labels: Sequence[str]) -> tuple[str
         rest = f" and {turns.size - _NAMED} more" if turns.size > _NAMED else ""
         found.append(
             f"body axis {axis} turns about the vertical {turns.size} "
-            f"time{'s' * (turns.size > 1)} ({', '.join(names)}{rest}): gravity does not measure "
-            f"such a turn; about level axes it turns by {level:.0f}° in total. Scale factor and "
+            f"time{'s' * (turns.size > 1)} ({', '.join(names)}{rest}): gravity cannot measure "
+            f"such turns. About level axes it turns by {level:.0f}° in total. Scale factor and "
             f"misalignments of the gyro about {axis} need turns about a level axis"
         )
     return tuple(found)
