@@ -1,4 +1,4 @@
-"""[bench] and [data] of a rate platform: its keys, and the bench in SI."""
+"""The sections [bench] and [data] for a rate platform, and the bench in SI."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -19,9 +19,9 @@ from inercal.recordings.data import DataSection, unit_size
 
 
 class RatePlatformSection(BenchSection):
-    """[bench]: a table of constant rates, and a platform of known angles.
+    """Section [bench] for a table with constant rates and a platform with known angles.
 
-    Errors have no default: one that acts and is not stated is refused.
+    Errors have no defaults: a run is refused if an error acts but is not stated.
     """
 
     kind: Literal["rate_platform"]
@@ -38,9 +38,9 @@ class RatePlatformSection(BenchSection):
 
 
 class RatePlatformData(DataSection):
-    """[data] of a rate platform: rows are rests, rates and poses.
+    """Section [data] for a rate platform, in which each row is a rest, a rate or a pose.
 
-    A table of means has the columns; in a recording the label of a section says what it is.
+    A table of means states them in columns. In a recording, the label of a section describes it.
     """
 
     accelerometer: tuple[str | int, ...] = Field(
@@ -87,7 +87,7 @@ class RatePlatformData(DataSection):
 
     @property
     def settling_seconds(self) -> float:
-        """The time that is left out at the beginning of each section, s."""
+        """The time to leave out at the beginning of each section, s."""
         if self.settle is None:
             return 0.0
         seconds = si_value(self.settle, "s", "[data] settle")
@@ -97,17 +97,17 @@ class RatePlatformData(DataSection):
 
     @property
     def rate_size(self) -> float:
-        """The SI size of the unit of the table's rate."""
+        """The size of the unit of the table's rate in SI."""
         return unit_size(self.table_rate_unit, "rad/s", "table_rate_unit")
 
     @property
     def angle_size(self) -> float:
-        """The SI size of the unit of roll, pitch and turn."""
+        """The size of the unit of roll, pitch and turn in SI."""
         return unit_size(self.angle_unit, "°", "angle_unit")
 
 
 def build(section: RatePlatformSection, folder: Path) -> RatePlatform:
-    """Return the bench in SI; files that it names lie in `folder`."""
+    """Build the bench in SI from its section; the files that it names are in `folder`."""
     latitude = None
     if section.latitude is not None:
         latitude = measured_constant(section.latitude, "°", "[bench] latitude", last_digit=False)
