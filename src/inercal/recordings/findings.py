@@ -52,8 +52,7 @@ def merge_findings(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Merge the findings that belong to the same event; keep the order of first appearance.
 
     Two findings of the same severity and kind belong to the same event if their messages are equal,
-    or
-    if they concern overlapping samples of the same channel.
+    or if they concern overlapping samples of the same channel.
     """
     groups: list[list[Finding]] = []
     for one in findings:
@@ -100,10 +99,8 @@ def merge_messages(messages: Sequence[str]) -> tuple[str, ...]:
     """Return the messages without repetition, in order of first appearance.
 
     Identical messages are replaced by one that states how often it occurred. The text after the
-    first
-    colon is the cause. More than five messages with the same cause are replaced by one that lists
-    all
-    their places.
+    first colon is the cause. More than five messages with the same cause are replaced by one that
+    lists all their places.
     """
     by_cause: dict[str, list[str]] = {}
     for message in messages:

@@ -27,10 +27,8 @@ class Transitions:
     """Motion of the sensor from each rest to the next, as ranges of samples.
 
     A transition leads from the mean attitude during one rest to that during the next. The weight of
-    a
-    sample therefore rises from 0 to 1 between samples `start` and `left`, and falls back to 0
-    between
-    `reached` and `stop`.
+    a sample therefore rises from 0 to 1 between samples `start` and `left`, and falls back to 0
+    between `reached` and `stop`.
 
     Parameters
     ----------
@@ -42,8 +40,7 @@ class Transitions:
         Row of the observations where each transition begins; it ends at the next row.
     start, left, reached, stop : (k,) arrays of int
         Sample numbers: `left` is the last sample of the preceding rest, `reached` the first sample
-        of the
-        following rest, and `stop` the last sample of the transition.
+        of the following rest, and `stop` the last sample of the transition.
     temperature : (n,) array or None
         Temperature at each sample, K.
     """
@@ -75,16 +72,13 @@ class HalfSectionChanges:
         Mean of the second half minus mean of the first half, output units.
     integral : (r, m) array
         Weighted integral of the readings over time, output units times s. The weight with which a
-        rate
-        rotates the mean attitude of the first half into that of the second rises from 0 to 1 during
-        the
-        first half and falls back to 0 during the second.
+        rate rotates the mean attitude of the first half into that of the second rises from 0 to 1
+        during the first half and falls back to 0 during the second.
     seconds : (r,) array
         Integral of that weight.
     square : (r,) array
         Sum of the squared weights times the squared time step, s²: the variance of an integral
-        divided by
-        the variance of a sample.
+        divided by the variance of a sample.
     warming : (r,) array or None
         Mean temperature of the second half minus that of the first half, K.
     """
@@ -120,14 +114,11 @@ class Observations:
         Covariance between rows due to each channel's slow drift; not included in `covariance`.
     drift_mean : (r, m) array or None
         The part of the drift in `mean` that the slopes within the rows reveal; the uncertainty that
-        remains
-        is in `drift`. `without_drift` subtracts it. As long as it is not subtracted,
-        `full_covariance`
-        includes it.
+        remains is in `drift`. `without_drift` subtracts it. As long as it is not subtracted,
+        `full_covariance` includes it.
     rounding : RoundingErrors or None
         Errors due to coarse steps of the channels. The diagonal of their covariance between rows is
-        part of
-        `covariance`.
+        part of `covariance`.
     transitions : Transitions or None
         Transitions between neighbouring rows, for methods that integrate the rate between rests.
     halves : HalfSectionChanges or None
@@ -150,8 +141,7 @@ class Observations:
     ------
     InputError
         A shape is wrong; a mean, covariance or temperature is not finite; a covariance is not
-        symmetric or
-        has a negative variance; or a section has no samples.
+        symmetric or has a negative variance; or a section has no samples.
     """
 
     labels: tuple[str, ...]

@@ -36,16 +36,16 @@ class ReadingSteps:
 
     Parameters
     ----------
-    Step of the readings in SI units; 0 where rounding has no effect on a mean. For a channel with a
-    dead band about zero, in which the reading does not change, the width of that band.
+    step : (m,) array
+        Step of the readings in SI units; 0 where rounding has no effect on a mean. For a channel
+        with a dead band about zero, in which the reading does not change, the width of that band.
     noise : (m,) array
         Lower bound of the standard deviation of the noise, divided by the step.
     dead_band : (m,) array of bool
         Whether the step is such a dead band.
     text : (m,) array
         Standard deviation of the error due to the number of digits in which the steps are written,
-        SI. For
-        example, steps of .02 °/s written in rad/s with four decimals are uneven by a third.
+        SI. For example, steps of .02 °/s written in rad/s with four decimals are uneven by a third.
     """
 
     step: Array

@@ -64,8 +64,7 @@ class Recording:
         Line of sample 0 in the file; 0 if sample k is not in line first_row + k.
     line_breaks : tuple of (sample, line)
         If first_row is 0: sample 0 and all samples that are not on the line after the preceding
-        sample, for
-        example after a blank line. Empty if the lines are unknown.
+        sample, for example after a blank line. Empty if the lines are unknown.
     original : (n,) array of int or None
         Number of each sample in the file, if the audit dropped or sorted samples.
     label_name : str
@@ -80,16 +79,13 @@ class Recording:
         dates.
     kept_corrections : str
         Corrections that another program has already applied to the readings, with its parameters;
-        empty if
-        none are known.
+        empty if none are known.
     devices : str
         The sensors from which the readings come, with the numbers that their controller gave them;
-        empty if
-        unknown.
+        empty if unknown.
     simulation : str
         The simulation that produced the samples, such as "simulation of run.toml, seed 0"; empty if
-        the
-        file does not state one.
+        the file does not state one.
 
     Raises
     ------

@@ -17,8 +17,7 @@ class AngleQuality(NamedTuple):
     """Uncertainty of a table's angles at each sample, where a host interpolated its readings.
 
     `noise_gain` is the sum of the squared interpolation weights: the noise variance of the
-    interpolated
-    angle divided by that of one reading. A filter ignores angles with infinite gain.
+    interpolated angle divided by that of one reading. A filter ignores angles with infinite gain.
     `interpolation_sd` is infinite where the table's motion between two readings is not bounded.
     """
 
@@ -52,8 +51,7 @@ class Track:
         readback.
     samples_are_means : bool
         Whether each sample is the mean over one sample period centred at its time, as in an IMU
-        that
-        integrates its readings, instead of the reading at that time.
+        that integrates its readings, instead of the reading at that time.
 
     Raises
     ------

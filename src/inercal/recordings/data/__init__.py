@@ -235,8 +235,7 @@ class RunBase(Generic[D]):
         Path of the run file; other file names are relative to its folder.
     sensor : Sensor
         The sensor with readouts, noise and the coefficients to estimate; includes the axes that are
-        not
-        calibrated.
+        not calibrated.
     bench : Bench
     data : DataSection
         The [data] section for this kind of bench.
@@ -343,8 +342,7 @@ class EstimatorInput:
         """Return the sensor with the noise that an estimator uses to weight the observations.
 
         Estimators that follow individual samples weight them by the stated noise, which does not
-        include
-        their rounding. The covariance of means already includes it.
+        include their rounding. The covariance of means already includes it.
         """
         if self.observations.track is None:
             return sensor

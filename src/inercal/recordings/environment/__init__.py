@@ -50,8 +50,7 @@ class Environment:
         rad/s.
     lag : Measured or None
         Time by which the recorded temperature lags behind the sensing element, s. None means
-        unknown: a
-        ramp then estimates it, and soaks neglect it.
+        unknown: a ramp then estimates it, and soaks neglect it.
     profile : ChamberProfile
         Set temperatures, for a simulation.
     warm_up : float
