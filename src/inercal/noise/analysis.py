@@ -85,10 +85,10 @@ def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) ->
         Whether `channel` includes the disturbed times.
     """
     if other is None:
-        return "disturbances cover the whole recording, so K without them is not known"
+        return "disturbances cover the whole recording, so K without them is unknown"
     one, two = (_walk(fit, channel.quantity) for fit in (channel.fit, other))
     with_them, without = (one, two) if kept else (two, one)
-    how = "; --skip-disturbed leaves the disturbed times out" if kept else ""
+    how = "; --skip-disturbed excludes the disturbed times" if kept else ""
     return f"K is {with_them} with the disturbed times and {without} without them{how}"
 
 
@@ -196,7 +196,7 @@ def candidate_models(terms: str | None) -> tuple[str, ...]:
     bad = sorted({one for one in chosen if one not in TERMS})
     if bad or not chosen or len(set(chosen)) != len(chosen):
         raise InputError(
-            f"terms {terms!r} are not possible; write each of {', '.join(TERMS)} at most once, "
+            f"terms {terms!r} are not valid; write each of {', '.join(TERMS)} at most once, "
             "such as NBK",
             key="--terms",
         )
@@ -224,10 +224,10 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         parts = quiet_parts(every, found, pieces.dt)
         left = (sum(map(len, every)) - sum(map(len, parts))) * pieces.dt
         remarks.append(
-            f"{format_duration(left)} were left out because of disturbances (found {len(found)})"
+            f"{format_duration(left)} were excluded because of disturbances ({len(found)} found)"
         )
     spectra, lines = _spectra(parts, pieces.dt, wanted.skipped_bands)
-    remarks += [f"{low:g}–{high:g} Hz were left out of the fit" for low, high in
+    remarks += [f"{low:g}–{high:g} Hz were excluded from the fit" for low, high in
                 wanted.skipped_bands]  # fmt: skip
     octaves = _deviations(parts, pieces.dt, "oadev", "octave")
     n = sum(map(len, parts))
@@ -308,7 +308,7 @@ def _spectra(
             lines += found
     if skipped_bands and not any(one.kept.any() for one in spectra):
         raise InputError(
-            f"--skip-band leaves nothing of 0 to {0.5 / dt:g} Hz; skip less",
+            f"--skip-band excludes all of 0 to {0.5 / dt:g} Hz; exclude less",
             key="--skip-band",
         )
     return tuple(spectra), tuple(lines)

@@ -280,7 +280,7 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
         return _refused(
             model,
             "white noise behind a low-pass filter with a low cut-off has the same spectrum as "
-            "a random walk, and no other white noise is seen that would distinguish them",
+            "a random walk, and no other white noise was found that could distinguish them",
         )
     return model
 

@@ -226,7 +226,7 @@ class NoiseAnalysis:
             if one.channel == name:
                 return one
         raise InputError(
-            f"there is no channel {name!r}; there are "
+            f"there is no channel {name!r}; the channels are "
             f"{', '.join(one.channel for one in self.channels)}"
         )
 

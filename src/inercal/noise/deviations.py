@@ -269,7 +269,7 @@ def deviations(
     """
     if kind not in KINDS:
         raise InputError(
-            f"there is no deviation {kind!r}; there are {', '.join(KINDS)}", key="--deviation"
+            f"there is no deviation {kind!r}; the kinds are {', '.join(KINDS)}", key="--deviation"
         )
     if y.size < 3:
         raise InputError(f"{y.size} values are too few for an Allan deviation; give at least 3")

@@ -30,7 +30,7 @@ def section_lines(noise: TriadNoise) -> list[str]:
         size = si_factor(unit)
         number = f"{value / size:.4g}"
         if symbol in noise.limits:
-            comment = "upper limit (95 %): not seen"
+            comment = "upper limit (95 %): not detected"
         elif u is None:
             comment = f"data sheet, without u: {noise.origins[symbol]}"
         else:
@@ -94,7 +94,7 @@ def walk_for_filter(
     K is the value that was found. If only a limit is known, K is 0.664 B √(3/τ_h) with a horizon
     τ_h, s, or the upper limit if there is no B. K is 0 if a data sheet states neither.
     """
-    origin, done = ("data sheet", "stated") if is_data_sheet else ("fit", "seen")
+    origin, done = ("data sheet", "stated") if is_data_sheet else ("fit", "detected")
     if "K" in noise.values and "K" not in noise.limits:
         return noise.values["K"][0], f"from the {origin}"
     if "B" in noise.values:
@@ -103,7 +103,7 @@ def walk_for_filter(
             f"no random walk is {done}: K from the Allan deviation of B at {horizon:g} s"
         )
     if "K" in noise.values:
-        return noise.values["K"][0], "upper limit (95 %): no random walk is seen"
+        return noise.values["K"][0], "upper limit (95 %): no random walk is detected"
     return 0.0, f"neither a random walk nor a bias instability is {done}"
 
 

@@ -109,7 +109,7 @@ def split_at_gaps(recording: Recording) -> Pieces:
         if share <= LOST_SHARE:
             remarks.append(
                 f"{format_count(total, 'lost sample')} ({100 * share:.2g} %) in "
-                f"{format_count(few.size, 'gap')} of at most {FEW_LOST} were skipped"
+                f"{format_count(few.size, 'gap')} of at most {FEW_LOST} samples were skipped"
             )
             gaps = np.setdiff1d(gaps, few)
     bounds = np.concatenate([[0], gaps + 1, [time.size]])
@@ -130,7 +130,7 @@ def _cut(
         )
     if len(kept) < len(spans):
         left = sum(b - a for a, b in spans) - sum(b - a for a, b in kept)
-        remarks.append(f"{left} samples in pieces shorter than {SHORTEST_PIECE} were left out")
+        remarks.append(f"{left} samples in pieces shorter than {SHORTEST_PIECE} were excluded")
     if not kept or max(b - a for a, b in kept) < FEWEST:
         raise InputError(
             f"{recording.source or 'recording'}: no piece between gaps has {FEWEST} samples; "

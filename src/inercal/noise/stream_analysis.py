@@ -124,7 +124,7 @@ class NoiseStream:
         if (len(self._pieces) + 1) * len(self._channels) > _MOST_STREAMS:
             raise InputError(
                 f"{self.source or 'recording'}: there are too many gaps for an analysis in "
-                f"blocks, by {start:.6g} s; analyse the parts between long gaps one by one",
+                f"blocks (up to {start:.6g} s); analyse the parts between long gaps one by one",
                 file=self.source or None,
             )
         self._starts.append(start)
@@ -205,7 +205,7 @@ class NoiseStream:
             )
         if self._left_out:
             remarks.append(
-                f"{self._left_out} samples in pieces shorter than {FEWEST} were left out"
+                f"{self._left_out} samples in pieces shorter than {FEWEST} were excluded"
             )
         return tuple(remarks)
 
@@ -224,7 +224,9 @@ class NoiseStream:
             drift_regressors(values.size, dt, self._temperatures[0].means()) if single else {}
         )
         remarks = [text for part in parts for text in part.remarks(self._channels[k], self.source)]
-        remarks += [f"{low:g}–{high:g} Hz were left out of the fit" for low, high in skipped_bands]
+        remarks += [
+            f"{low:g}–{high:g} Hz were excluded from the fit" for low, high in skipped_bands
+        ]
         return ChannelSummary(
             channel=self._channels[k],
             quantity=self._quantities[k],

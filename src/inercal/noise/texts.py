@@ -54,13 +54,13 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
     found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
     found += filter_remarks(channel)
     if (band := channel.goodness.worst_band) is not None:
-        found.append("--skip-band {:.3g}-{:.3g} would leave this band out of the fit".format(*band))
+        found.append("--skip-band {:.3g}-{:.3g} would exclude this band from the fit".format(*band))
     found += channel.remarks
     shown = SHOWN_UNIT[channel.quantity]
     for one in channel.drift:
         per = {"ramp": "s", "temperature": "K", "temperature rate": "(K/s)"}[one.name]
         size = format_quantity(one.value, COVERAGE * one.u, f"{shown}/{per}")
-        found.append(f"drift, {one.name}: {size} (k = 2), in the fit")
+        found.append(f"drift, {one.name}: {size} (k = 2), included in the fit")
     for line in channel.lines:
         found.append(
             f"line at {format_quantity(line.frequency, 0.0, 'Hz', 4)} with amplitude "
@@ -76,7 +76,8 @@ def movement_text(movement: str, source: str) -> str:
     """Return a sentence that says that the sensor moved, how it moved, and what to do."""
     return (
         f"{source or 'recording'}: the sensor was not at rest: {movement}. A noise analysis "
-        "needs a sensor at rest; give a recording at rest, or the part of this one at rest"
+        "needs a sensor at rest; give a recording at rest, or only the part of this one that is "
+        "at rest"
     )
 
 

@@ -276,9 +276,9 @@ def _rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple
                 f"noise ({names})"
             )
             effect = (
-                "rests cannot show the bias better than this (k = 2), however many there are"
+                "the bias cannot be determined from rests better than this (k = 2)"
                 if kind == "w"
-                else "rounding gives each mean this error (k = 2)"
+                else "each mean has this rounding error (k = 2)"
             )
             notes.append(f"{what}; {effect}, and U includes it: {errors} {quantity.bias_unit}")
     return tuple(notes)

@@ -88,7 +88,7 @@ class TemperatureReadout(NamedTuple):
         """Return a hint on what may be wrong with the values of a column."""
         finite = values[np.isfinite(values)]
         if first_impossible(finite + ZERO_CELSIUS) is None and self.unit != "°C":
-            return 'as °C they are possible: state temperature_unit = "°C"'
+            return 'the values are possible in °C: state temperature_unit = "°C"'
         if self.unit in COUNTS:
             return "check temperature_scale and temperature_zero"
         if np.all(finite == np.rint(finite)):

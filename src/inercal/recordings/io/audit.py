@@ -351,7 +351,7 @@ def channel_findings(
         text = f"{channel} is at the end of its range {_span_text(recording, start, stop)}{why}"
         findings.append(Finding("warning", "saturation", text, channel, start, stop))
     for start, stop in repeated_values.stuck_ranges(x, railed).tolist():
-        text = f"{channel} holds {x[start]:.6g} {_span_text(recording, start, stop)}"
+        text = f"{channel} stays at {x[start]:.6g} {_span_text(recording, start, stop)}"
         findings.append(Finding("warning", "stuck", text, channel, start, stop))
     return findings
 

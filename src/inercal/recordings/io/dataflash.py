@@ -177,12 +177,12 @@ def _format(path: Path, at: int, raw: bytes) -> tuple[int, LoggedType]:
     fields = tuple(columns.split(",")) if columns else ()
     unknown = set(letters) - set(_LETTERS)
     if unknown or len(fields) != len(letters) or len(set(fields)) != len(fields):
-        raise _damaged(path, at, f"format of {shorten(name)!r} is {shorten(letters)!r}")
+        raise _damaged(path, at, f"{shorten(name)!r} has the unknown format {shorten(letters)!r}")
     size = 3 + sum(np.dtype(_LETTERS[letter][0]).itemsize for letter in letters)
     if number == _FMT:
         return _FMT, LoggedType("FMT", _FMT_BYTES, "", ())
     if size != length:
-        raise _damaged(path, at, f"{name} has {length} bytes where its fields have {size}")
+        raise _damaged(path, at, f"a {name} message has {length} bytes, but its fields have {size}")
     return number, LoggedType(name, length, letters, fields)
 
 
@@ -251,7 +251,7 @@ def _by_instance(source: str, made: LoggedType) -> Iterator[Messages]:
     stamp = next(((name, ns) for name, ns in _TIMES if name in fields), None)
     if stamp is None:
         raise InputError(
-            f"{source}: messages {made.name} have no time (TimeUS); name another topic",
+            f"{source}: {made.name} messages have no time (TimeUS); name another topic",
             names=(made.name,),
         )
     time = fields[stamp[0]].astype(np.int64) * stamp[1]

@@ -166,7 +166,7 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
     if data.dtype.names == ("real", "imag") or data.dtype.kind == "c":
         return Variable(name, refused=COMPLEX)
     if data.dtype.kind not in "fiub":
-        return Variable(name, refused=f"of {data.dtype} is neither numbers nor text")
+        return Variable(name, refused=f"has the type {data.dtype}, neither numbers nor text")
     plain = Variable(name, data.shape, lambda: data, transposed=kind != "")
     return replace(plain, chunk=data.chunks[plain.sample_axis]) if data.chunks else plain
 

@@ -98,7 +98,7 @@ def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
         array: NDArray[Any] | bytes = archive[name]
     except ValueError as error:  # NumPy raises it for pickled objects and for broken headers
         raise InputError(
-            f"{source}: array {name!r} is damaged or holds objects; save plain numbers",
+            f"{source}: array {name!r} is damaged or contains objects; save plain numbers",
             names=(name,),
         ) from error
     if isinstance(array, bytes):  # NumPy returns members that are not arrays as bytes

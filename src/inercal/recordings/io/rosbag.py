@@ -66,9 +66,11 @@ def check_bag(path: Path) -> None:
                 (place,) = struct.unpack("<Q", fields["chunk_pos"])
                 _mark_indexed(chunks, place)
             elif kind == _MSG_DATA:
-                raise DamagedBagError("a message outside the chunks")
+                raise DamagedBagError("it contains a message outside its chunks")
     if index not in places or not all(chunks.values()):
-        raise DamagedBagError("it has no complete index, as after a crash: run rosbag reindex")
+        raise DamagedBagError(
+            "its index is incomplete, which happens after a crash: run rosbag reindex"
+        )
 
 
 def _bag_records(file: BinaryIO) -> Iterator[tuple[int, dict[str, bytes]]]:
@@ -117,7 +119,9 @@ def check_mcap(path: Path) -> None:
                 (summary,) = struct.unpack("<Q", _whole(file, 8))
     needed = {_MCAP_SCHEMA, _MCAP_STATISTICS}
     if summary not in places or (chunks and not (all(chunks.values()) and needed <= kinds)):
-        raise DamagedBagError("it has no complete index, as after a crash: run mcap recover")
+        raise DamagedBagError(
+            "its index is incomplete, which happens after a crash: run mcap recover"
+        )
 
 
 def _mcap_records(file: BinaryIO) -> Iterator[tuple[int, int]]:
@@ -128,7 +132,7 @@ def _mcap_records(file: BinaryIO) -> Iterator[tuple[int, int]]:
         if head.startswith(MCAP):
             return
         if len(head) < 9:
-            raise DamagedBagError("it is cut off, as after a crash: run mcap recover")
+            raise DamagedBagError("it is truncated, which happens after a crash: run mcap recover")
         kind, size = struct.unpack("<BQ", head)
         after = file.tell() + size
         yield at, kind
@@ -155,7 +159,7 @@ def check_sqlite(path: Path) -> None:
 
 def _mark_indexed(chunks: dict[int, bool], place: int) -> None:
     if chunks.get(place, True):
-        raise DamagedBagError("its index names a chunk twice, or one that it does not contain")
+        raise DamagedBagError("its index names a chunk twice, or a chunk that does not exist")
     chunks[place] = True
 
 
@@ -163,7 +167,7 @@ def _whole(file: BinaryIO, size: int) -> bytes:
     """Read the given number of bytes; refuse a file that ends earlier."""
     raw = file.read(min(size, os.fstat(file.fileno()).st_size))
     if len(raw) < size:
-        raise DamagedBagError("it is cut off, as after a crash")
+        raise DamagedBagError("it is truncated, which happens after a crash")
     return raw
 
 
@@ -258,7 +262,7 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
             named = {name.removeprefix(f"{topic}.") for name in own}
             for field in sorted(named - set(fields)):
                 raise InputError(
-                    f"{path.name} has no column {f'{topic}.{field}'!r}; of {topic} it has "
+                    f"{path.name} has no column {f'{topic}.{field}'!r}; the fields of {topic} are "
                     f"{', '.join(fields[:12])}",
                     names=(f"{topic}.{field}",),
                 )
@@ -355,7 +359,10 @@ READER = Reader(
     suffixes=(".bag", ".db3", ".mcap"),
     options=(
         Option(
-            "stamp", str, "header", '"header" for the times of the driver, "received" for others'
+            "stamp",
+            str,
+            "header",
+            '"header" for the driver\'s times, "received" for recording times',
         ),
     ),
     isolation=Isolation("a ROS bag", "repair or record it again", _LIBRARIES, "ros"),

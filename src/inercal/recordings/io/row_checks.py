@@ -47,7 +47,7 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> R
         if not np.isfinite(columns[name][first])
         else f"a number below {TOO_LARGE:g}"
     )
-    text = f"{format_count(count, 'row')} without {kind}, the first {name} at {where(first)}"
+    text = f"{format_count(count, 'row')} without {kind} (the first is {name} at {where(first)})"
     if drop and count < rows.size:
         return RowCheck(
             [Finding("warning", "nonfinite", f"{text}: dropped")], np.flatnonzero(~rows)
@@ -101,14 +101,14 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
         rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
         text = (
             f"{format_count(int((~same).sum()), 'row')} with the same time as the row before "
-            f"but other readings, the first at {where(first + 1)}: the time stamps are too "
-            f"coarse, so state [data] rate{rate} in place of the time column"
+            f"but different readings, the first at {where(first + 1)}: the time stamps are too "
+            f"coarse, so state [data] rate{rate} instead of the time column"
         )
         return RowCheck([Finding("refused", "repeated", text, None, first + 1, first + 2)])
     kept = np.ones(recording.time.size, np.bool_)
     kept[same_time + 1] = False
     if kept.sum() < 2:
-        text = "all rows are the same: neither the time nor a reading changes; record again"
+        text = "all rows are equal: neither the time nor any reading changes; record again"
         return RowCheck([Finding("refused", "repeated", text)])
     text = (
         f"{format_count(same_time.size, 'row')} repeated, the first at "

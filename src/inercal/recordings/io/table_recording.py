@@ -215,8 +215,8 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
     if name is not None and columns.rate_hz is None and _holds_dates(table, name):
         if columns.time_unit is not None:
             raise InputError(
-                f"{table.source}: column {name!r} holds ISO 8601 times, which have no unit: remove "
-                f"{columns.time_keys[0]}",
+                f"{table.source}: column {name!r} contains ISO 8601 times, which have no "
+                f"unit: remove {columns.time_keys[0]}",
                 file=table.source,
                 key=columns.time_keys[0],
                 names=(name,),

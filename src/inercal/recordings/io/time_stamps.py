@@ -306,7 +306,7 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
                 f"its modulus is {most + 1:g}, not {modulus}",
                 key="modulus",
             )
-        what = "comes twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
+        what = "appears twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
         raise InputError(
             f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2} packets or more "
             f"were lost; remove repeated packets and sort late packets ({bad.size} in all)"

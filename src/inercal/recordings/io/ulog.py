@@ -114,7 +114,7 @@ def _part_ends(path: Path, file: BinaryIO) -> list[int | None]:
     (appended,) = struct.unpack_from("<B", head, 3 + 8)
     offsets = [k for k in struct.unpack_from("<3Q", head, 3 + 16) if k] if appended & 1 else []
     if sorted(offsets) != offsets or any(k > path.stat().st_size for k in offsets):
-        raise _damaged(path, _HEADER_BYTES, "places of appended data outside the file")
+        raise _damaged(path, _HEADER_BYTES, "the offset of appended data is outside the file")
     return [*offsets, None]
 
 

@@ -38,7 +38,7 @@ FUNCTION = "is a function handle, not numbers"
 COMPLEX = "contains complex numbers: save real and imaginary parts as two arrays"
 SPARSE = "is a sparse matrix: save it with full()"
 STRUCTS = "is an array of structs: save a struct of arrays"
-CELL = "is a cell array whose cells are not all single texts: save plain arrays"
+CELL = "is a cell array in which not every cell is a single text: save plain arrays"
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def _read(
             continue
         kind = stored.dtype
         if kind.kind not in "fiub":
-            why = COMPLEX if kind.kind == "c" else f"of {kind} contains no numbers"
+            why = COMPLEX if kind.kind == "c" else f"has the type {kind}, which is not numeric"
             raise InputError(f"{source}: {variable.name!r} {why}", names=(variable.name,))
         places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
         filled: dict[str, NDArray[Any]] = {

@@ -80,7 +80,7 @@ def _arrays(recording: Recording) -> dict[str, Column]:
     """Return the columns to write by name, in their order."""
     if recording.data.ndim != 2:
         raise InputError(
-            f"a file holds a single run, data (n, m), but the data are {recording.data.shape}; "
+            f"a file contains a single run, data (n, m), but the data are {recording.data.shape}; "
             "write each trial to a separate file"
         )
     pairs: list[tuple[str, Column]] = [(recording.time_name, recording.stamps)]

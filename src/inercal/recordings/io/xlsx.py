@@ -74,7 +74,7 @@ def _refuse_other_sheets(path: Path) -> None:
     with path.open("rb") as file:
         head = file.read(40)
     if head.startswith(_OLD) or head[30:].startswith(_OPEN_DOCUMENT):
-        kind = "of Excel before 2007" if head.startswith(_OLD) else "an OpenDocument sheet"
+        kind = "from Excel before 2007" if head.startswith(_OLD) else "an OpenDocument sheet"
         raise InputError(f"{path.name} is {kind}: save it as .xlsx or as CSV")
 
 
@@ -97,7 +97,7 @@ def _rows(sheet: Any) -> Iterator[tuple[int, list[Cell]]]:
     for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
         if number > _MOST_ROWS:  # openpyxl would fill a gap before this row for hours
             raise InputError(
-                f"sheet {sheet.title!r} has a row beyond {_MOST_ROWS}, the last that Excel has; "
+                f"sheet {sheet.title!r} has a row beyond {_MOST_ROWS}, Excel's last row; "
                 "the workbook is damaged: save it again"
             )
         cells = [_cell(value) for value in row]
@@ -194,7 +194,7 @@ def _heading(source: str, rows: Sequence[Sequence[Cell]]) -> _Heading:
             return _Heading(tuple(worded), texts, k + 1, header=True)
     width = len(rows[0]) if rows else 0
     if not any(isinstance(cell, float) for row in rows for cell in row):
-        raise InputError(f"{source} has no row of numbers: save a sheet with one sample a row")
+        raise InputError(f"{source} has no row of numbers: save a sheet with one sample per row")
     if any(len(row) != width for row in rows):
         raise InputError(
             f"{source} has no row of names above its numbers: write a name above each column"

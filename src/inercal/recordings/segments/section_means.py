@@ -233,8 +233,8 @@ def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequen
     if isinstance(step, Turn) and lost.any():
         after = int(recording.gaps[np.argmax(lost), 0])
         raise InputError(
-            f"{where} cannot be used: samples were lost after sample {after}, and with them "
-            "part of the turn's angle; record it again",
+            f"{where} cannot be used: samples were lost after sample {after}, so part of "
+            "the turn's angle is missing; record it again",
             names=(mark.label,),
         )
 

@@ -175,8 +175,8 @@ def _lost_motion_texts(recording: Recording) -> list[str]:
             lost = recording.time[after] - recording.time[before]
             side = f"{labels[before]} when" if turning[before] else f"{labels[after]} after"
             texts.append(
-                f"the table turns under {side} {format_duration(float(lost))} are lost "
-                f"({recording.where(before)}): states may be lost with them"
+                f"the table turns under {side} {format_duration(float(lost))} of data are lost "
+                f"({recording.where(before)}): states may be missing there"
             )
     if turning[-1]:
         texts.append(f"the recording ends while the table turns under {labels[-1]}")
