@@ -1,9 +1,9 @@
 """Determine the noise of each channel from a recording at rest, as `inercal noise` does.
 
-1. The recording is split at its gaps (`pieces`). 2. Lines are removed from the spectrum (`lines`);
-the terms are chosen and fitted (`selection`). 3. A ramp and the temperature are added if the
-likelihood requires them (`drift_regression`). 4. The fit is tested (`goodness`), and disturbances
-are detected (`disturbances`).
+1. The recording is split at its gaps (`pieces`).
+2. Lines are removed from the spectrum (`lines`); the terms are chosen and fitted (`selection`).
+3. A ramp and the temperature are added if the likelihood requires them (`drift_regression`).
+4. The fit is tested (`goodness`), and disturbances are detected (`disturbances`).
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,14 +1,14 @@
 """Model of a channel's noise: its terms, the sensor's own filter, and the drift.
 
-1. A filter is searched for (`filter_search`). It is accepted if the fit with it passes the test. 2.
-Without a filter the terms are fitted to the whole spectrum. 3. If they fail the test, only the band
-that they describe is used (`band_edge`). 4. N, B and K are refused in two cases: white noise behind
-a filter cannot be distinguished from
+1. A filter is searched for (`filter_search`). It is accepted if the fit with it passes the test.
+2. Without a filter the terms are fitted to the whole spectrum.
+3. If they fail the test, only the band that they describe is used (`band_edge`).
+4. N, B and K are refused in two cases: white noise behind a filter cannot be distinguished from
    bias instability, or there is a filter that neither a known shape nor a band describes.
 
-White noise behind one pole at f_c has the same spectrum as a Gauss–Markov process with T = 1/(2π
-f_c). The white noise of the read-out distinguishes them, because only a filter can suppress all
-white noise.
+White noise behind one pole at f_c has the same spectrum as a Gauss–Markov process with
+T = 1/(2π f_c). The white noise of the read-out distinguishes them, because only a filter can
+suppress all white noise.
 """
 
 from dataclasses import dataclass, replace
@@ -247,7 +247,7 @@ def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
 
 
 def _same_spectrum(time: float) -> str:
-    """Return a text that a low-pass filter and a Gauss–Markov process of T, s, look the same."""
+    """Explain that a filter and a Gauss–Markov process with T, s, have the same spectrum."""
     return (
         f"white noise behind a low-pass filter at {1 / (2 * np.pi * time):.2g} Hz has the same "
         f"spectrum as a Gauss–Markov process with a time constant of {time:.2g} s"

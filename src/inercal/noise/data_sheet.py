@@ -3,13 +3,13 @@
 A noise density in the form rms/√bandwidth is one-sided, whereas N is the root of the two-sided
 density::
 
-    D² B_n = rms²,  D² = 2 N²          D one-sided density, B_n equivalent noise bandwidth N = D/√2
-    = rms/√(2 B_n)            N is also the angle or velocity random walk, σ_θ = N √t B_n = f₃
-    (π/2n)/sin(π/2n)          f₃ −3 dB frequency of a Butterworth filter of order n min² = (2 ln2/π)
-    B² + 2 N K/√3     min is the minimum of the Allan deviation, at τ = √3 N/K
+    D² B_n = rms²,  D² = 2 N²          D one-sided density, B_n equivalent noise bandwidth
+    N = D/√2 = rms/√(2 B_n)            N is also the angle or velocity random walk, σ_θ = N √t
+    B_n = f₃ (π/2n)/sin(π/2n)          f₃ −3 dB frequency of a Butterworth filter of order n
+    min² = (2 ln2/π) B² + 2 N K/√3     min is the minimum of the Allan deviation, at τ = √3 N/K
 
-If K is unknown, B is calculated as min/√(2 ln2/π), which is slightly too large. Sources: IEEE Std
-952, annex B; IEEE Std 1293.
+If K is unknown, B is calculated as min/√(2 ln2/π), which is slightly too large.
+Sources: IEEE Std 952, annex B; IEEE Std 1293.
 """
 
 from collections.abc import Mapping, Sequence
@@ -129,7 +129,7 @@ def white_noise_of_rms(rms: float, bandwidth: float, kind: BandwidthKind) -> flo
 
 
 def noise_bandwidth(bandwidth: float, kind: BandwidthKind) -> float:
-    """Return the equivalent noise bandwidth, Hz, given itself or a filter's −3 dB frequency.
+    """Convert a filter's −3 dB frequency to its noise bandwidth, Hz; keep a noise bandwidth.
 
     >>> [round(noise_bandwidth(1.0, kind), 4) for kind in ("first order", "second order")]
     [1.5708, 1.1107]

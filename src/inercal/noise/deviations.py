@@ -1,12 +1,12 @@
 """Allan, modified, Hadamard, time and total deviations from a series of block means.
 
-Let x be the cumulative sum (x[0] = 0, x in units of y Δ) of y, (n,). With an averaging factor m,
-the averaging time is τ = m Δ. Each variance is a mean of squared differences (Riley, NIST SP
-1065)::
+Let x be the cumulative sum (x[0] = 0, x in units of y Δ) of y, (n,). For an averaging factor m, the
+averaging time is τ = m Δ. Each variance is a mean of squared differences (Riley, NIST SP 1065)::
 
-    oadev   (x[i+2m] − 2 x[i+m] + x[i])²/(2 τ²) hdev    (x[i+3m] − 3 x[i+2m] + 3 x[i+m] − x[i])²/(6
-    τ²)          overlapping, blind to a ramp mdev    like oadev, from the means of m sums;  tdev =
-    τ mdev/√3 totdev  like oadev, from the series reflected at both ends
+    oadev   (x[i+2m] − 2 x[i+m] + x[i])²/(2 τ²)
+    hdev    (x[i+3m] − 3 x[i+2m] + 3 x[i+m] − x[i])²/(6 τ²)          overlapping, blind to a ramp
+    mdev    like oadev, from the means of m sums;  tdev = τ mdev/√3
+    totdev  like oadev, from the series reflected at both ends
 
 Above m = 1024 only every (m/16)-th difference is used, because neighbouring ones are nearly equal.
 The equivalent degrees of freedom take this into account. They decrease by 0.5 % for white and

@@ -151,8 +151,8 @@ def _describe(
 ) -> tuple[Disturbance, int, int, float]:
     """Return the largest change, and what to subtract between which samples to remove it.
 
-    The change is a knock if the mean returns. This is the case if, at the averaging time m that
-    shows both best, the opposite change within 128 s is at least half as large.
+    The change is a knock if the mean returns, which means that the opposite change within 128 s is
+    at least half as large. Both are compared at the averaging time m that shows them best.
     """
     peak = int(np.argmax(np.abs(change)))
     k = _change_place(y, peak, m)

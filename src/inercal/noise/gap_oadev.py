@@ -102,7 +102,7 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
 
 
 def _masked_sum(x: Array, filled: Array, m: int, stride: int) -> tuple[float, int, int]:
-    """Return Σ (mean − mean)² where both are half full, and the used and total numbers."""
+    """Return Σ (mean − mean)² over half-full pairs, their number, and that of all pairs."""
     starts: NDArray[np.int64] = np.arange(0, x.size - 2 * m, stride)
     total, count = 0.0, 0
     for first in range(0, starts.size, _BLOCK):

@@ -161,7 +161,7 @@ def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
 def _worst_band(
     frequency: Array, residual: Array, weight: Array, ratio: Array
 ) -> tuple[float, float, float]:
-    """Return the ends, Hz, of the band around the largest residual, and its power over the model's.
+    """Return the ends, Hz, and the relative power of the band around the largest residual.
 
     The band consists of neighbours whose residuals have the same sign and exceed 2 standard
     deviations.

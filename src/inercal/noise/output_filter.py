@@ -2,11 +2,13 @@
 
 With w = 2π f Δ, the power that the filter passes is::
 
-    one pole                  (1−p)²/(1 − 2p cos w + p²),  p = e^(−2π f_c Δ) one pole, bilinear 1/(1
-    + (tan(w/2)/tan(π f_c Δ))²) two equal poles           the square of one pole Butterworth,
-    bilinear     1/(1 + (tan(w/2)/tan(π f_c Δ))⁴) Butterworth, analog       Σ_m 1/(1 + ((f +
-    m/Δ)/f_c)⁴), m = −2 … 2, over its value at f = 0 average of m samples      (sin(m w/2)/(m
-    sin(w/2)))² two averages of 2         the square of an average of 2
+    one pole                  (1−p)²/(1 − 2p cos w + p²),  p = e^(−2π f_c Δ)
+    one pole, bilinear        1/(1 + (tan(w/2)/tan(π f_c Δ))²)
+    two equal poles           the square of one pole
+    Butterworth, bilinear     1/(1 + (tan(w/2)/tan(π f_c Δ))⁴)
+    Butterworth, analog       Σ_m 1/(1 + ((f + m/Δ)/f_c)⁴), m = −2 … 2, over its value at f = 0
+    average of m samples      (sin(m w/2)/(m sin(w/2)))²
+    two averages of 2         the square of an average of 2
 
 A sampled analog pole aliases noise and then has exactly the form of a digital pole. The spectrum
 after the filter, with the plateau N² and the white noise F² added by the read-out, is::

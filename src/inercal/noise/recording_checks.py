@@ -148,7 +148,7 @@ def _windows(y: Array, step: float) -> _Windows:
 
 
 def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
-    """Return a text on how far the accelerometers are from their median; empty if they are not."""
+    """Describe how far the accelerometers depart from their median; empty if they do not."""
     if not channels:
         return ""
     medians = np.stack([one.medians for one in channels], axis=1)
@@ -165,7 +165,7 @@ def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
 
 
 def _turn(channels: list[_Windows], starts: Array) -> str:
-    """Return a text on how far the gyros turn or change within 5 s; empty if they do neither."""
+    """Describe how far the gyros turn or change within 5 s; empty if they do neither."""
     if not channels:
         return ""
     sd = float(np.hypot.reduce([one.sd for one in channels]))

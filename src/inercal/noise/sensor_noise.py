@@ -70,7 +70,7 @@ class SensorNoise:
 
 
 def sensor_noise(analysis: NoiseAnalysis) -> SensorNoise:
-    """Return the noise found by an analysis, in this form.
+    """Convert the noise found by an analysis to a `SensorNoise`.
 
     Raises
     ------

@@ -234,7 +234,7 @@ class Bins:
 
     @cached_property
     def times(self) -> Array:
-        """Time constants T to try for a Gauss–Markov process, s, from 10 samples to a tenth of all.
+        """Values of T to try for a Gauss–Markov process, s: from 10 samples to 1/10 of the data.
 
         In the recording, a shorter T looks like white noise, and a longer one like a random walk.
         """
@@ -339,7 +339,7 @@ def piece_spectra(y: Array, dt: float) -> tuple[Spectrum, ...]:
 
 
 def join_long(blocks: Spectrum, power: Array, segments: int, dt: float) -> tuple[Spectrum, ...]:
-    """Combine the spectrum of block means at low frequencies with that of segments at others.
+    """Combine two spectra: block means for low frequencies, and segments for the others.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ GAP_FACTOR = 1.5  # samples are missing where a time step exceeds this many medi
 
 
 def sample_count(seconds: float, step: float) -> int:
-    """Return the number of samples in a time span; rounded stamps cannot tip a half sample.
+    """Return the number of samples in a time span; rounding of the stamps does not change it.
 
     >>> [sample_count(0.1, step) for step in (0.04, 0.0399999)]
     [2, 2]

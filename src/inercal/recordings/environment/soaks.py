@@ -194,7 +194,7 @@ def with_temperature_shift(estimate: Estimate, sensor: Sensor, sd: float) -> Est
 
 
 def with_added_covariance(estimate: Estimate, added: Array) -> Estimate:
-    """Return an estimate with added covariance, (p, p), not enlarged by its Birge ratio."""
+    """Add a covariance, (p, p), that the Birge ratio does not enlarge, to an estimate."""
     covariance = estimate.covariance + added / float(estimate.birge) ** 2
     return replace(estimate, covariance=covariance)
 

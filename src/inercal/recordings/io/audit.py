@@ -287,7 +287,7 @@ def gap_findings(recording: Recording, gaps: Indices | None = None) -> list[Find
 
 
 def _mixed_unit_finding(recording: Recording) -> Finding | None:
-    """Refuse times that continue in another unit: many steps are over a hundred median steps."""
+    """Refuse times that continue in another unit, so that many steps exceed 100 median steps."""
     found, median = recording.gaps, recording.median_step
     steps = recording.time[found[:, 1]] - recording.time[found[:, 0]]
     far = steps > _OTHER_UNIT * median

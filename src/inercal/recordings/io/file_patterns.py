@@ -11,12 +11,12 @@ _MOST_FILES = 1000
 
 
 def is_pattern(path: Path) -> bool:
-    """Return whether a path with a star, which is not itself a file, stands for several."""
+    """Return whether a path stands for several files: its name has a star and is no file."""
     return _STAR in path.name and not is_file(path)
 
 
 def matching_files(pattern: Path) -> dict[str, Path]:
-    """Return the files that match a pattern by label, sorted by label; numbers sort by value.
+    """Return the matching files by label, in the order of their labels; numbers sort by value.
 
     Raises
     ------

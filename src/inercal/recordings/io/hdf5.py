@@ -63,7 +63,7 @@ def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
 
 
 def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
-    """Yield blocks of samples of some columns, (k, c).
+    """Yield blocks of samples from some columns, (k, c).
 
     Parameters
     ----------

@@ -184,7 +184,7 @@ def stream_isolated(
     *arguments: Any,
     most_values: int | None = None,
 ) -> Generator[Any]:
-    """Yield the results of a generator function that `read_isolated` would call on a file."""
+    """Call a generator function on a file as in `read_isolated`, and yield its results."""
     if isolation.extra:
         package = isolation.libraries[0].partition(".")[0]
         require_installed(isolation.extra, f"{isolation.kind} needs {package}", (package,))
@@ -300,7 +300,7 @@ class _Process:
         self.end()
 
     def end(self) -> int:
-        """Wait for a process that gets no more requests to end; return its exit status."""
+        """Close the pipes, wait until the process ends, and return its exit status."""
         self.requests.close()
         self.answers.close()
         try:

@@ -102,7 +102,7 @@ def require_messages(used: Collection[str], present: Collection[str], source: st
 
 
 def channel_columns(wanted: ReadRequest, messages: Messages) -> set[str]:
-    """Return the wanted reading columns of a topic; if none are marked, all wanted columns."""
+    """Return a topic's wanted columns with readings; all wanted columns if none are marked."""
     channels = wanted.block_columns or wanted.names
     return set(messages.columns) & set(messages.columns if channels is None else channels)
 

@@ -205,7 +205,7 @@ def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
 
 
 def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> Recording:
-    """Read a recording from its files without an audit, marked if one file is simulated.
+    """Read a recording from its files without auditing it; keep the mark of a simulation.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> 
 
 
 def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
-    """Join two files whose samples have different times to one recording.
+    """Join two files with different sampling times into one recording.
 
     Raises
     ------

@@ -310,7 +310,7 @@ def _pooled_covariance(
     scatters: Sequence[Array],
     rows: int,
 ) -> tuple[Array, float]:
-    """Return the covariance of each dwell's rows, (d, m, m), and the least degrees of freedom.
+    """Return the covariance of each dwell's rows, (d, m, m), and the smallest dof of any dwell.
 
     Dwells at the same rate share their noise density, which is the scatter of turns times their
     length. If a rate has too few turns, all dwells share one density.

@@ -1,6 +1,6 @@
 """Compare the two triads: gravity must rotate between rests as the gyros measure it.
 
-From one rest to the next, the direction of gravity in the case follows from the gyros alone::
+From one rest to the next, the direction of gravity in the case follows from the gyro readings::
 
     u₂ = Rᵀ u₁        R is the product of the rotations ω dt of all samples, biases subtracted
 
@@ -121,7 +121,7 @@ def read_gravity_turns(
 
 
 def _directions(force: Array) -> Array:
-    """Return unit vectors of gravity, without the bias that a sphere fit finds, if reliable."""
+    """Return unit vectors of gravity, after subtracting the bias if a sphere fit is reliable."""
     centre, radius = sphere(force) if len(force) >= _SPHERE_RESTS else (None, None)
     if centre is None or radius is None or np.linalg.norm(centre) > _WIDEST * radius:
         centre = np.zeros(3)
@@ -145,7 +145,7 @@ def sphere(means: Array) -> tuple[Array | None, float | None]:
 
 
 def sum_rates(rate: Array, count: int = _TURN_SAMPLES) -> Array:
-    """Return `count` sums of neighbouring samples of (n, 3), padded with zeros, (count, 3).
+    """Sum neighbouring samples of (n, 3) to `count` rows, or pad a short series with zeros.
 
     Each sum covers so few samples that their rotations still commute; `count` is a power of two.
     """

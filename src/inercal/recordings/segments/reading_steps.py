@@ -107,7 +107,7 @@ def _coarse_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladd
 def _step_at_rest(rests: Sequence[Array]) -> float:
     """Return the smallest gap between two levels within one rest; 0 if each rest has one value.
 
-    Noise reaches neighbouring levels, so there is no level between two levels if none was read.
+    Noise reaches all neighbouring levels, so a value that was never read is not a level.
     """
     gaps = [float(np.min(np.diff(np.unique(y)), initial=np.inf)) for y in rests]
     least = min(gaps, default=np.inf)
@@ -140,7 +140,7 @@ def _is_without_noise(rests: Sequence[Array], levels: Array, moving: int) -> boo
 
 
 def _lonely_value(rests: Sequence[Array]) -> float | None:
-    """Return the value that rests read without any value close to it (a dead band), or None."""
+    """Return the value of a dead band, which has no other readings close to it, or None."""
     values, counts = np.unique(np.concatenate([_some(y) for y in rests]), return_counts=True)
     gaps = np.diff(values)
     if not gaps.size:
