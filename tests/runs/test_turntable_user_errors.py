@@ -238,7 +238,7 @@ def time_in_milliseconds(one: Recording) -> Recording:
         (at_row("outer", 9999.0), "sample 5000 (50 s)", {"names": ("outer",)}),
         (zero_channel, "", {"names": ("inner",)}),
         (freeze_channel, " 131 s", {"names": ("outer", "middle", "inner")}),
-        (clip_channel, "gx holds 25", {"names": ("gx",)}),
+        (clip_channel, "gx stays at 25", {"names": ("gx",)}),
         (cut_gap, "9.99 s", {}),
         (halve_time, "5 ms per sample", {"key": "[data] gyro"}),
         (time_in_milliseconds, '"ms"', {}),
