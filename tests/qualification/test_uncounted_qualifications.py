@@ -52,7 +52,7 @@ def test_what_takes_the_bench_as_exact_says_so(method: str, estimator: str):
     names = tuple(dict.fromkeys(one.name for one in acting.values() if one.sd > 0))
     (note,) = notes(method, estimator, names)
     assert all(name in note for name in names)
-    assert f"estimator {estimator} does not count it" in note
+    assert f"estimator {estimator} does not take it into account" in note
 
 
 def test_every_estimator_is_in_one_of_the_lists():

@@ -1,6 +1,6 @@
-"""The verdict in plain words, computed from the numbers; `grade` has its rule.
+"""The verdict in plain words, computed from the numbers by the rule in `grade`.
 
-Its lines are few and short; all that was found is in its explanation.
+The verdict has a few short lines, and its explanation contains all findings.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -53,10 +53,10 @@ from inercal.physics.sensors.coefficient_words import axis_words, coefficient_wo
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # and the axis
-_UNIT_RATIO_TOLERANCE = 0.1  # relative distance within which a scale factor is a ratio of units
+_UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for taking a scale factor as a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 UNSEEN = "unseen"
-"""`Finding.what` of an effect that a method cannot detect."""
+"""`Finding.what` for an effect that a method cannot detect."""
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
@@ -76,7 +76,7 @@ _REMEDIES = (
     "take ",
     "use ",
     "wait ",
-)  # begin the last clause of a finding that says what to do
+)  # starts of the last clause of a finding if it says what to do
 _MAIN_SHARE = 0.5  # of a variance that one quantity of the bench contributes
 _GROUP_WORDS = {
     "scale": "scale factor",
@@ -88,9 +88,9 @@ _GROUP_WORDS = {
 
 
 class _Step(NamedTuple):
-    """Something to do: a sentence, and the advice as data, if there is any.
+    """A next step: a sentence, and the advice as data if there is any.
 
-    Only what is `needed` is a line of a verdict: its lack lowers the grade.
+    Only steps that are `needed` appear in the lines of a verdict, because they can raise the grade.
     """
 
     text: str
@@ -99,7 +99,7 @@ class _Step(NamedTuple):
 
     @property
     def has_keys(self) -> bool:
-        """Whether there is something to paste into a run file."""
+        """Whether the step has keys to paste into a run file."""
         return self.advice is not None and bool(self.advice.changes)
 
 
@@ -134,7 +134,7 @@ def verdict(
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis.
+        An estimate without a trial axis.
     sensor : Sensor
     findings : sequence of Finding
     expected : mapping of str to Parameter, optional
@@ -144,9 +144,10 @@ def verdict(
     row_word : str
         Word for a row of the data: "position or turn".
     advisor : Advisor, optional
-        What gives advice that can be followed.
+        Advisor that gives advice that can be followed.
     added : str, optional
-        A sentence on what the run added to its model by itself; it becomes the second line.
+        A sentence on the coefficients that the run added to its model automatically; it becomes
+        the second line.
     """
     advisor = advisor or PlainAdvisor(possible, row_word)
     assessment = assess(estimate, len(sensor.coefficients), possible)
@@ -159,8 +160,8 @@ def verdict(
         *_steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
             _Step(
-                f"State in the run file the uncertainty of {bench_words(name, (name,), expected)}, "
-                "which is taken as exact.",
+                f"State the uncertainty of {bench_words(name, (name,), expected)} in the run file; "
+                "it is taken as exact now.",
                 Advice(name, action="state its uncertainty"),
                 needed=False,
             )
@@ -237,7 +238,7 @@ def _noise_factor(findings: Sequence[Finding]) -> str:
 
 
 def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str]]:
-    """Yield a sentence on each scale factor that is far from nominal, and the probable cause."""
+    """Yield a sentence and a probable cause for each scale factor that is far from nominal."""
     for name, value in zip(sensor.coefficients, estimate.value.tolist(), strict=False):
         axis, term = CoefficientName(name).parts
         scale = 1 + value
@@ -280,7 +281,7 @@ def _steps_on_undetectable(
     advisor: Advisor,
     possible: Collection[str],
 ) -> Iterator[_Step]:
-    """Yield how to estimate those coefficients of which no test shows anything."""
+    """Yield a step that estimates the undetectable coefficients, if the method can."""
     free = [one.name for one in unseen if one.component in possible]
     if free and (advice := advisor.on_coefficients(free)):
         text = f"Some of the undetectable effects can be estimated: {_changes_words(advice)}"
@@ -290,7 +291,7 @@ def _steps_on_undetectable(
 def _steps_on_findings(
     findings: Sequence[Finding], advisor: Advisor, steps: Sequence[_Step]
 ) -> Iterator[_Step]:
-    """Yield the changes that take findings away, where they add other coefficients."""
+    """Yield steps that remove findings: run-file changes that add coefficients, or remedies."""
     given = {word for one in steps if one.advice for word in one.advice.coefficients}
     for finding in findings:
         advice = Advice(finding.what, finding.changes)
@@ -307,7 +308,7 @@ def _changes_words(advice: Advice) -> str:
 
 
 def _next_line(steps: Sequence[_Step]) -> str:
-    """Return the first thing that must be done; keys to paste are whole."""
+    """Return the line with the first necessary step; keys to paste are never shortened."""
     if not (steps and steps[0].needed):
         return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
     text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
@@ -315,7 +316,7 @@ def _next_line(steps: Sequence[_Step]) -> str:
 
 
 def _alternatives_line(others: Sequence[str]) -> str:
-    """Return the causes that cannot be told from the most likely one; empty without any."""
+    """Return a line on causes that cannot be told from the likeliest one; empty if none."""
     if not others:
         return ""
     few = "1 other cause explains" if len(others) == 1 else f"{len(others)} other causes explain"
@@ -328,7 +329,7 @@ def _alternatives_line(others: Sequence[str]) -> str:
 def _undetectable(
     estimate: Estimate, sensor: Sensor, assessment: Assessment
 ) -> list[UndetectableCause]:
-    """Return the causes that no test can detect; the suspect is none, for a test detected it."""
+    """Return the causes that no test can detect, without the suspect, which a test detected."""
     suspect = assessment.suspect
     own = () if suspect is None else (suspect.name, *suspect.components)
     shown = {CoefficientName(name).term for name in own}
@@ -340,7 +341,7 @@ def _undetectable(
 
 
 def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) -> str:
-    """Return an effect in words, with its size of two digits in the unit of reports."""
+    """Return the description of an effect with its size, two digits, in the report unit."""
     if one.name == "row":
         return f"wrong readings of one {row_word}"
     if one.component.startswith((_DRIFT_PREFIX, CHANGE_PREFIX)):
@@ -417,7 +418,7 @@ def _uncertainty_line(largest: Sequence[_Uncertainty]) -> str:
 
 
 def _count_line(count: int) -> str:
-    """Return how many effects are not detectable; empty where there are none."""
+    """Return a line with the number of undetectable effects; empty if there are none."""
     if not count:
         return ""
     effects = f"{count} effects are" if count > 1 else "1 effect is"

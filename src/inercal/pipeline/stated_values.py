@@ -1,12 +1,12 @@
-"""Constants of a bench that a run file states without "±", and what they share in a result.
+"""Bench constants that a run file states without "±", and their contribution to a result.
 
 Their uncertainty is taken as half a unit of the last digit
-(`inercal.basics.units.parse_quantity`). Their part in u of a coefficient is the decrease of u when
-the constant is taken as exact::
+(`inercal.basics.units.parse_quantity`). Their contribution to u of a coefficient is the decrease of
+u when the constant is taken as exact::
 
     part² = u² − u²(exact)
 
-Where the part is larger than the rest, the assumption would determine the result: the run is
+If this part is larger than the rest, the assumption would dominate the result, and the run is
 refused.
 """
 
@@ -23,7 +23,7 @@ from inercal.basics.units import Measured, format_quantity, format_value_and_unc
 from inercal.benches import Bench
 from inercal.estimation import Estimate
 
-_CONSTANT_UNITS = {  # of messages, by key of [bench]
+_CONSTANT_UNITS = {  # units in messages, by key of [bench]
     "gravity": "m/s²",
     "latitude": "°",
     "radius": "m",
@@ -34,12 +34,12 @@ _CONSTANT_UNITS = {  # of messages, by key of [bench]
 
 
 def find_assumed_constants(expected: Mapping[str, Parameter]) -> dict[str, tuple[str, ...]]:
-    """Return the keys of constants without "±", each with the names of its parameters.
+    """Return the keys of constants stated without "±", each with the names of its parameters.
 
     Parameters
     ----------
     expected : mapping of str to Parameter
-        The bench's parameters that act, by full name.
+        Bench parameters that have an effect, by full name.
     """
     names: dict[str, tuple[str, ...]] = {}
     for name, parameter in expected.items():
@@ -49,7 +49,7 @@ def find_assumed_constants(expected: Mapping[str, Parameter]) -> dict[str, tuple
 
 
 def constant_notes(bench: Bench, assumed: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return a line for each constant without "±": the uncertainty that was used."""
+    """Return a line for each constant without "±", with the uncertainty that was used."""
     return tuple(f"{_describe_constant(bench, key)}. State ± to replace it." for key in assumed)
 
 
@@ -72,24 +72,24 @@ def require_small_assumed_share(
     bench: Bench,
     solve: Callable[[Bench], Estimate],
 ) -> None:
-    """Refuse an assumed uncertainty that is the larger part of u of a coefficient.
+    """Refuse an assumed uncertainty that dominates u of a coefficient.
 
     Parameters
     ----------
     assumed : mapping of str to tuple of str
         Keys of the constants, with the names of their parameters.
     estimate : Estimate
-        Its first `count` parameters are the sensor's coefficients.
+        Estimate whose first `count` parameters are the sensor's coefficients.
     count : int
     bench : Bench
     solve : callable
-        Returns the estimate on another bench; used where a constant is not a parameter of the
-        estimate.
+        Function that returns the estimate for another bench; used if a constant is not a parameter
+        of the estimate.
 
     Raises
     ------
     InputError
-        The message names the key, the coefficient and the share.
+        If there is such a constant; the message names the key, the coefficient and the share.
     """
     variance = np.diagonal(estimate.covariance)[:count]
     for key, names in assumed.items():
@@ -120,7 +120,7 @@ def _variance_part(estimate: Estimate, count: int, names: Sequence[str]) -> Arra
 
 
 def _with_exact_constant(bench: Bench, key: str) -> Bench:
-    """Return the bench with the constants of a key exact."""
+    """Return the bench with the constants of a key taken as exact."""
     constant: Measured | tuple[Measured, ...] = getattr(bench, key)
     exact: Any = (
         replace(constant, sd=0.0)
