@@ -75,8 +75,8 @@ def calibrated_ranges(
             "give a temperature within",
         )
     kinds = {axis.measures for axis in calibration.sensor.axes}
-    # For gyros, the range of specific force is not called assumed: on a rate table they sense
-    # gravity.
+    # A sensor with only gyros gets no note on an assumed range of specific force, because on a rate
+    # table it senses gravity.
     assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]
     return Ranges(
         known.get("force", (-G0, G0)),
