@@ -1,10 +1,10 @@
-"""Analog Devices ADIS16xxx: words of the scale and bias registers, by sizes that the user states.
+"""Analog Devices ADIS16xxx: scale and bias register words, with step sizes stated by the user.
 
     scale, then bias   out = (1 + n_s u_s) raw + n_b u_b
     bias, then scale   out = (1 + n_s u_s) (raw + n_b u_b)
 
-u_s and u_b are the sizes of one step of the registers. The data sheet of the part states the order
-and the sizes. So 1 + s = 1/M_ii, and B = −b/M_ii or −b.
+u_s and u_b are the sizes of one register step. The part's data sheet states the order and the
+sizes. So 1 + s = 1/M_ii, and B = −b/M_ii or −b.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""ROS imu_calib: YAML with SM and bias of the accelerometers.
+"""ROS imu_calib: a YAML file with SM and bias of the accelerometers.
 
     f = SM y − bias
 
