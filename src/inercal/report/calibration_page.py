@@ -165,7 +165,7 @@ def _residual_figure(outcome: Outcome) -> Markup | None:
 
 
 def _history_section(register: "SensorHistory") -> tuple[list[Markup], Markup]:
-    """Return the conclusions from a sensor's history, and its figures with the table of verdicts."""
+    """Return the conclusions from a sensor's history, and its figures with the table."""
     # Imported here because most reports do not need the register.
     from inercal.report.sensor_history_page import history_section, summary_lines
 
