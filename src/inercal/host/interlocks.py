@@ -313,9 +313,9 @@ class ReadbackWarnings:
         """Return the warnings from the windows that the samples complete, or from the last samples.
 
         Parameters
-        Run time at which the track's time is 0, s.
+        ----------
         begin : float
-            s of the run when the track's time is 0.
+            Run time at which the track's time is 0, s.
         track : Track, optional
             Samples of one trial with known angles that continue the earlier ones. None at the end.
         """

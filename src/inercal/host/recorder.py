@@ -41,8 +41,8 @@ class LogEnd(NamedTuple):
 
     Parameters
     ----------
-    Largest time of any frame, s of run time; 0 if the log is empty.
-        The largest time of a frame, s of the run; 0 where the log is empty.
+    time : float
+        Largest run time of any frame, s; 0 if the log is empty.
     poll : (float, float) or None
         The last reading of the table: run time and controller time, s.
     session : (float, HostUptime) or None
