@@ -6,10 +6,10 @@ If the host cannot stop the table, the watchdog (`guard`) does.
 on one machine from commanding the same table. A program on another machine, or a control panel, is
 detected by the table's motion. Each axis is compared with the last command that it received::
 
-        at rest               it leaves its angle by more than 0.5° (5° if an operator works at it)
-        moving to a goal      it turns away from the goal, or over 20 % faster than commanded
-        at a rate             it turns the other way, or over 20 % faster than commanded
-        stopping, homing      any motion is allowed until it is at rest
+    at rest               it leaves its angle by more than 0.5° (5° if an operator works at it)
+    moving to a goal      it turns away from the goal, or over 20 % faster than commanded
+    at a rate             it turns the other way, or over 20 % faster than commanded
+    stopping, homing      any motion is allowed until it is at rest
 
 An axis with its servo off may be turned by hand and is not checked, and neither is an axis that has
 not been at rest since the connection was made. A single reading may have a corrupted digit, so only
