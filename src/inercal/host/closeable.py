@@ -1,4 +1,4 @@
-"""What a connection, a file and a process have in common: a context closes it."""
+"""A base class for connections, files and processes that are closed at the end of a context."""
 
 from typing import Self
 

@@ -41,7 +41,7 @@ def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, wa
                 answer = connection.recv(4096)
         assert sent < HUGE / 5
         assert not answer or b" 413 " in answer
-    served.wait(lambda: sum("a body of more than" in line for line in served.refused) == 2)
+    served.wait(lambda: sum("the body is longer than" in line for line in served.refused) == 2)
 
 
 def test_a_body_that_does_not_come_is_not_waited_for(
@@ -50,7 +50,7 @@ def test_a_body_that_does_not_come_is_not_waited_for(
     monkeypatch.setattr("inercal.host.web.access._TIMEOUT", 0.1)
     own = {"Host": served.host, "Origin": f"http://{served.host}", "Content-Length": "10"}
     assert served.ask("/api/probe", "POST", None, own).status == 408
-    served.was_refused("does not come within")
+    served.was_refused("did not arrive within")
 
 
 @pytest.mark.slow
