@@ -41,6 +41,7 @@ from inercal.pipeline.stated_noise import stated_noise_findings
 from inercal.pipeline.stated_values import (
     constant_notes,
     find_assumed_constants,
+    gravity_notes,
     require_small_assumed_share,
 )
 from inercal.pipeline.temperature_fit import fit_over_temperatures, with_common_errors
@@ -226,6 +227,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
             *observations.notes,
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
+            *gravity_notes(bench, sensor, estimate),
             *constant_notes(bench, assumed),
             *uncounted_notes(run, estimate, expected),
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),

@@ -22,7 +22,12 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 from inercal.benches import Bench
 from inercal.estimation import Estimate
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.earth import COMPUTED_GRAVITY_SD
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_words import coefficient_words
 
+_MIN_IMPROVEMENT = 1.5  # ratio of U without and with a better gravity that is worth a note
 _CONSTANT_UNITS = {  # units in messages, by key of [bench]
     "gravity": "m/s²",
     "latitude": "°",
@@ -128,3 +133,44 @@ def _with_exact_constant(bench: Bench, key: str) -> Bench:
         else tuple(replace(value, sd=0.0) for value in constant)
     )
     return replace(bench, **{key: exact})
+
+
+def gravity_notes(bench: Bench, sensor: Sensor, estimate: Estimate) -> tuple[str, ...]:
+    """Return a note if gravity dominates the U of coefficients, which no more readings can reduce.
+
+    The note also gives the U that would remain with gravity computed from latitude and height.
+
+    Parameters
+    ----------
+    bench : Bench
+    sensor : Sensor
+    estimate : Estimate
+        Without a trial axis. Its first parameters are the coefficients.
+    """
+    gravity, p = getattr(bench, "gravity", None), len(sensor.coefficients)
+    if not isinstance(gravity, Measured) or not gravity.sd > COMPUTED_GRAVITY_SD:
+        return ()
+    slopes = estimate.sensitivity("g", gravity.sd)
+    if slopes is None:
+        return ()
+    old = estimate.std[:p]
+    left = (COMPUTED_GRAVITY_SD / gravity.sd) ** 2
+    part = np.square(slopes[:p] * gravity.sd)
+    new = np.sqrt(np.maximum(old**2 - (1 - left) * part, 0.0))
+    weak = np.flatnonzero(old > _MIN_IMPROVEMENT * new)
+    if not weak.size:
+        return ()
+    names = [sensor.coefficients[k] for k in weak]
+    k = int(weak[np.argmax(new[weak])])
+    line = sensor.coefficient(sensor.coefficients[k])
+    before, after = (
+        format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
+    )
+    u = format_value_and_uncertainty(0.0, COVERAGE * gravity.sd)[1]
+    words = coefficient_words(sensor, ", ".join(names), names)
+    return (
+        f"Most of the U of the {words} comes from gravity (± {u} m/s²), so more readings cannot "
+        "reduce it. State latitude and height, or measured gravity, in [bench]. With latitude and "
+        f"height the U of {sensor.coefficients[k]} would drop from {before} to {after} "
+        f"{line.unit}.",
+    )

@@ -52,7 +52,6 @@ from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.observability import require_observed
 from inercal.methods.residuals import norm_residuals
-from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.physics.plan import HandSteps
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
@@ -138,9 +137,9 @@ def _checked_rests(
 def _final_estimate(rests: Rests, last: stages.FitStage, priors: Priors) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
-    notes = gravity_notes(rests, estimate)
+    notes: tuple[str, ...] = ()
     if not rests.temperature_offsets.ndim:  # otherwise another temperature may also help
-        notes += advice(rests, estimate)
+        notes = advice(rests, estimate)
     if rests.transitions is None:
         notes += (_SIGN_NOTE,)
     return replace(
@@ -264,38 +263,6 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
         f"The uncertainty of the {coefficient_words(sensor, name)} is large. These attitudes would "
         f"reduce its U from {sizes_told[0]} to {sizes_told[1]} {line.unit}: "
         f"{attitudes_in_words(more)}.",
-    )
-
-
-def gravity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
-    """Return a note if gravity dominates the U of scale factors, which no attitude can reduce.
-
-    The note also gives the U that would remain with gravity computed from latitude and height.
-    """
-    sensor, gravity = rests.sensor, rests.bench.gravity
-    if not gravity.sd > COMPUTED_GRAVITY_SD:
-        return ()
-    p = len(sensor.coefficients)
-    part = _shifts(estimate, "g")[:p] ** 2
-    old = estimate.std[:p]
-    left = (COMPUTED_GRAVITY_SD / gravity.sd) ** 2
-    new = np.sqrt(np.maximum(old**2 - (1 - left) * part, 0.0))
-    weak = np.flatnonzero(old > _MIN_IMPROVEMENT * new)
-    if not weak.size:
-        return ()
-    names = [sensor.coefficients[k] for k in weak]
-    k = int(weak[np.argmax(new[weak])])
-    line = sensor.coefficient(sensor.coefficients[k])
-    before, after = (
-        format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
-    )
-    u = format_value_and_uncertainty(0.0, COVERAGE * gravity.sd)[1]
-    words = coefficient_words(sensor, ", ".join(names), names)
-    return (
-        f"Most of the U of the {words} comes from gravity (± {u} m/s²), so no further "
-        "attitude can reduce it. State latitude and height, or measured gravity, in [bench]. With "
-        f"latitude and height the U of {sensor.coefficients[k]} would drop from {before} to "
-        f"{after} {line.unit}.",
     )
 
 
