@@ -94,6 +94,10 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
         "disturbances": [vars(one) for one in channel.disturbances],
         "drift": [vars(one) for one in channel.drift],
         "remarks": list(channel.remarks),
+        "smallest_allan_deviation": {
+            "value": float(channel.oadev.value[channel.oadev.lowest]),
+            "tau": float(channel.oadev.tau[channel.oadev.lowest]),
+        },
         "deviations": {
             kind: {
                 "tau": one.tau.tolist(),

@@ -52,7 +52,7 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
 def channel_remarks(channel: ChannelNoise) -> list[str]:
     """Return the verdict on a channel, then its remarks, drift and disturbances, one per line."""
     found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
-    found += filter_remarks(channel)
+    found += [allan_minimum_text(channel), *filter_remarks(channel)]
     if (band := channel.goodness.worst_band) is not None:
         found.append("--skip-band {:.3g}-{:.3g} would exclude this band from the fit".format(*band))
     found += channel.remarks
@@ -70,6 +70,15 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
     if lengths := recording_lengths(channel):
         found.append("recording time needed for " + ", ".join(lengths))
     return found
+
+
+def allan_minimum_text(channel: ChannelNoise) -> str:
+    """Return the smallest Allan deviation with its averaging time."""
+    one = channel.oadev
+    k = one.lowest
+    shown = SHOWN_UNIT[channel.quantity]
+    size = format_quantity(float(one.value[k]), 0.0, shown, 3)
+    return f"smallest Allan deviation: {size} at {format_duration(float(one.tau[k]))}"
 
 
 def movement_text(movement: str, source: str) -> str:
