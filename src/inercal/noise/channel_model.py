@@ -41,7 +41,7 @@ BEFORE_FILTER = "NBK"
 """Terms that are fitted during the search for a filter."""
 _LEAST_CUTOFF = 2e-3  # f_c Δ, below which a spectrum is attributed to a Gauss–Markov process
 _LEAST_FLOOR = 1e-3  # F² over N²: white noise next to a Gauss–Markov process
-_ROUNDING = 1.5  # ratio of N² of not quite white rounding to step² Δ/12
+_ROUNDING = 1.5  # largest N² of rounding noise, which is not quite white, over step² Δ/12
 _LONGEST = 10.0  # s, largest 1/(2π f_c) of a filter
 _LOW_CUTOFF, _WHITE_BESIDE_MARKOV = 2e-2, 0.1  # f_c Δ; N² over 2σ²T of a process behind it
 _JUDGED = 0.1  # of the cut-off, from which the fit of a filter is tested

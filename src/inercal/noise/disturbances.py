@@ -41,7 +41,7 @@ class Disturbance:
     ----------
     kind : "step", "knock" or "burst"
     time : float
-        Time of its start, s from the first sample.
+        Start time, s after the first sample.
     seconds : float
         Duration, s; infinite for a step.
     size : float

@@ -35,7 +35,7 @@ class Pieces:
     values : tuple of (n_i, m) array
         Readings of all channels in each piece.
     starts : tuple of float
-        Time of each piece's first sample, s from the recording's first.
+        Start time of each piece, s after the first sample of the recording.
     temperatures : tuple of (n_i,) array or None
         Temperature in each piece, K.
     remarks : tuple of str
@@ -58,7 +58,7 @@ class Part:
     values : (n,) array
         Readings in SI units.
     start : float
-        Time of the first sample, s from the recording's first.
+        Start time, s after the first sample of the recording.
     temperature : (n,) array or None
         Temperature of each sample, K.
     """

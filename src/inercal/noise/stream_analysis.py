@@ -110,7 +110,7 @@ class NoiseStream:
         Parameters
         ----------
         start : float
-            Time of the next sample, s from the recording's first.
+            Time of the next sample, s after the first sample of the recording.
 
         Raises
         ------

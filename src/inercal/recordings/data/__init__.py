@@ -251,8 +251,7 @@ class RunBase(Generic[D]):
     environment : Environment or None
         Temperatures around the bench.
     held_files : mapping of str to Path
-        Temporary files with data that a caller passed in memory, by the names that [data] uses for
-        them.
+        Files with data that a caller passed in memory, by the names that [data] uses for them.
     """
 
     path: Path

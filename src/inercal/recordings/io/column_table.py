@@ -103,7 +103,7 @@ class Table:
         The sensors from which the block columns come, with the numbers that their controller gave
         them; empty if unknown.
     simulation : str
-        The program that made a simulated recording; empty if the file does not state one.
+        The simulation that produced the recording; empty if the file does not state one.
     time_zero : Fraction or None
         Time 0 of the time column on the clock of a message log, ns. None for other files, in which
         the columns contain clock readings.
