@@ -117,6 +117,8 @@ def estimate_coefficients(
         found.append(_coefficient(symbol, estimate, fit, bins, quantity, test, is_open=is_open))
     if "N" in fit.symbols:
         found += [_absent(one, fit, bins, quantity) for one in "BK" if one not in fit.symbols]
+    order = list(TERMS)
+    found.sort(key=lambda one: order.index(one.symbol))
     if "G" in fit.symbols:
         found.append(_time_constant(fit, bins))
     return tuple(found), comparison
@@ -210,10 +212,12 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
         if one.aic - fit.aic <= _RUNNERS_UP and one.symbols != fit.symbols
     ]
     if rivals:
-        names = ", ".join(
-            f"{' + '.join(one.symbols)} (AIC {one.aic - fit.aic:+.1f})" for one in rivals
+        names = " or ".join(" + ".join(one.symbols) for one in rivals)
+        more = ", ".join(f"{one.aic - fit.aic:.1f}" for one in rivals)
+        found.append(
+            f"{names} would describe the recording about as well as {' + '.join(fit.symbols)} "
+            f"(their AIC is higher by {more})"
         )
-        found.append(f"the recording cannot distinguish {' + '.join(fit.symbols)} from {names}")
     if hidden := hidden_terms(selection, seconds):
         found.append(
             f"white noise hides {' and '.join(hidden)} at all averaging times up to the longest, "

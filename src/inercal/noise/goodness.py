@@ -112,8 +112,8 @@ class Goodness:
             return "the terms describe the recording"
         if worst is None:
             return (
-                f"the terms do not fit the Allan deviation at {self.outside} of {self.judged} "
-                "averaging times"
+                f"at {self.outside} of {self.judged} averaging times the measured Allan deviation "
+                "is outside the range that the terms predict"
             )
         band = f"{worst.worst_low:.3g}–{worst.worst_high:.3g} Hz"
         if worst.worst_low == worst.worst_high:

@@ -121,7 +121,8 @@ def try_methods(
         try:
             outcome = calibrate(from_sections(run_file, content, ""))
         except InercalError as error:
-            reason = shorten(str(error).removeprefix(f"{run_file}: "), _LONGEST_REASON)
+            reason = str(error).removeprefix(f"{run_file}: ").partition(" (free directions")[0]
+            reason = shorten(reason, _LONGEST_REASON)
             trials.append(MethodTrial(name, keys, None, reason, getattr(error, "key", "")))
         else:
             trials.append(MethodTrial(name, keys, outcome))

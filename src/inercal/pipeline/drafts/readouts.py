@@ -144,7 +144,7 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     counts = radius if radius is not None else plain
     offset = 0.0 if centre is None else _offset(float(np.median(centre)), counts)
     per_g, why = _nominal(counts, _COUNTS_PER_G)
-    reason = f"gravity has {counts:.4g} counts{why}"
+    reason = f"gravity reads {counts:.0f} counts{why}"
     return GuessedReadout("LSB", f"{per_g:.6g} LSB/g", offset, G0 / per_g, reason)
 
 
@@ -226,8 +226,10 @@ def _nominal(counts: float, known: Sequence[float]) -> tuple[float, str]:
     """Return the first known scale factor that is near, and a text with all that are near."""
     near = [one for one in known if abs(counts / one - 1) < _NEAR_NOMINAL]
     if near:
-        others = f" ({' and '.join(f'{one:.6g}' for one in near[1:])} is as near)" * bool(near[1:])
-        return near[0], f", near the nominal {near[0]:.6g}{others}"
+        others = f"; {' and '.join(f'{one:.6g}' for one in near[1:])} would also fit" * bool(
+            near[1:]
+        )
+        return near[0], f", close to the usual {near[0]:.6g}{others}"
     return float(f"{counts:.3g}"), ""
 
 
