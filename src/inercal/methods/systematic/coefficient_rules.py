@@ -41,8 +41,8 @@ def require_determined(sensor: Sensor, observations: Observations, priors: Prior
     Raises
     ------
     NotObserved
-        Free are the rotation of the body frame, a common lever arm, or even-order terms if all
-        rests are at faces of a cube.
+        The rotation of the body frame or a common lever arm is free, or all rests are at faces of a
+        cube and even-order terms are free.
     InputError
         An axis has no rest upwards or downwards.
     """
