@@ -190,7 +190,7 @@ def triangular_frame(bench: object) -> "Frame":
 
 @dataclass(frozen=True, kw_only=True)
 class Method(MethodBase, Generic[Bench, Step]):
-    """A calibration method: `MethodBase`, which the data readers use, and everything else.
+    """A calibration method: extends `MethodBase`, the part that the data readers use.
 
     Parameters
     ----------

@@ -227,8 +227,8 @@ def bench_candidates(
     """Return candidates for the bench parameters that act on several rows, from columns (m,).
 
     `rows` are the row names of the observations, (m,). If they are given, the parameters of one
-    position are also candidates if several rows share its attitude. Parameters of one row are
-    candidates if `families` contains them, because together they act on many rows.
+    position are also candidates, provided that several rows share its attitude. Parameters of one
+    row are candidates if `families` contains them, because together they act on many rows.
 
     The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", form one candidate,
     "pose[XY30]". Their sizes show which component is wrong.
@@ -313,7 +313,7 @@ def _largest_departure(parameter: Parameter) -> float:
 
 
 def largest_angle(name: str, otherwise: float = LARGEST_RELATIVE_SIZE) -> float:
-    """Return the largest plausible departure of a bench angle, rad, from the angle's name."""
+    """Look up the largest plausible error of a bench angle, rad, by the name of the angle."""
     if re.match(r"(sin|cos)\d", name):
         return _LARGEST_HARMONIC
     return _LARGEST_ANGLES.get(name, otherwise)
@@ -337,7 +337,7 @@ def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
 
 
 def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
-    """Return one candidate per row, which allows that row arbitrary readings."""
+    """Return one candidate per row, in which the readings of that row are arbitrary."""
     channels = {axis.name: QUANTITIES[axis.measures].unit for axis in sensor.axes}
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
@@ -358,7 +358,7 @@ def drift_candidates(
     """Return candidates for a drift of the biases, linear in time from the first row to the last.
 
     The axes of one kind are tested together and then one by one. An axis's column is its bias
-    column multiplied by the time of its rows. There are no candidates if all rows have one time.
+    column multiplied by the time of its rows. There are none if all rows have the same time.
     """
     span = float(np.ptp(time))
     channels = {axis.name: axis.measures for axis in sensor.axes}

@@ -46,7 +46,7 @@ def require_matching_rows(observations: Observations, sensor: Sensor, steps: Seq
 
 
 def require_single_recording(observations: Observations, what: str) -> None:
-    """Raise InputError if there are many trials; `what` is for example "estimator fourier".
+    """Raise InputError if there are many trials; `what` names the caller: "estimator fourier".
 
     Raises
     ------
@@ -84,7 +84,7 @@ def refuse_priors(priors: Priors, estimator: str, instead: str) -> None:
 
 
 def refuse_temperature_terms(sensor: Sensor, estimator: str, instead: str) -> None:
-    """Raise InputError if there are temperature coefficients and the estimator has none.
+    """Raise InputError if there are temperature coefficients that the estimator cannot estimate.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class _Pattern(NamedTuple):
 
 
 def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
-    """Return a finding on each effect that these positions cannot detect from their order.
+    """Return a finding on each order effect that these positions cannot reveal.
 
     The message begins with the effect's name and says how to detect it. `channel` is the axis with
     the smallest size that shifts a coefficient by 5 u.

@@ -87,7 +87,7 @@ def row_covariance(
 
 
 def bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[str, Array]:
-    """Return the derivatives of θ by bench errors that are stated for the whole run, (..., 12).
+    """Return the sensitivity of θ to bench errors that are stated for the whole run, (..., 12).
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[str
 def linearised_rows(
     model: AffineModel, level: Array, f: Array, groups: Array, square: Array
 ) -> tuple[Array, Array]:
-    """Return the residuals, (..., 3 r + s) g, and the derivatives of the model's values by θ.
+    """Return the residuals, (..., 3 r + s) g, and the Jacobian of the model's values.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def consistency(
     model : AffineModel
         The estimator's solution, for (...) trials.
     gain : (..., 12, 3 r) array
-        Derivatives of θ by errors of M a + p − f in all rows; the axis index varies fastest.
+        Sensitivity of θ to errors of M a + p − f in all rows; the axis index varies fastest.
     level, groups : sequence of int
         Rows that are compared as vectors, and as norms.
     """

@@ -10,7 +10,7 @@ to first order, the effects of pose, seat, speed and lean.
 
 The calibration's covariance gives its error in new poses. Residuals of the fit only show how well
 the model follows the fitted readings. A user needs the error of the corrected vector in other
-poses, δf = −S⁻¹ ∂h/∂c δc, because only there a free direction shows.
+poses, δf = −S⁻¹ ∂h/∂c δc, because a free direction shows only there.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 1 to 5. The covariance is our own.
@@ -100,7 +100,7 @@ def remarks(fit: Fit[RateTable, Spin]) -> Remarks:
 
 
 class LevelStates(NamedTuple):
-    """The model from the level states, and its derivative by the errors of their rows."""
+    """The model from the level states, and its sensitivity to the errors of their rows."""
 
     model: AffineModel  # for (...) trials
     gain: Array  # (..., 12, 3 r), ∂θ/∂f for each row; the axis index varies fastest
@@ -192,7 +192,7 @@ def affine_estimate(
     agreement : Consistency
         Tests of the rows that were used.
     moved : mapping of str to (..., 12) array
-        Derivatives of θ by the stated errors of the bench (`bench_sensitivities`).
+        Sensitivity of θ to the stated errors of the bench (`bench_sensitivities`).
     notes, rank, null_directions, converged, iterations
         As for `Estimate`.
     """

@@ -32,9 +32,9 @@ the reading. From products of sines and cosines it follows that::
     b₄ cos 4θ   C₃ and C₅ by g b₄/2             nothing
 
 Higher harmonics have no effect unless n positions fold harmonic h ± 1 onto a lower one. None of the
-first four lines shows in the residuals. A white error σ adds (σ dy/dθ)² to the variance of a
-reading, approximately (σ g c)². Second-order effects of angles, −σ²/2 on k₁, are neglected: 1e-10
-at 3″.
+errors in the first four lines shows in the residuals. A white error σ adds (σ dy/dθ)² to the
+variance of a reading, approximately (σ g c)². Second-order effects of angles, −σ²/2 on k₁, are
+neglected: 1e-10 at 3″.
 
 The reference form is linear in its coefficients, and `fourier` and `least_squares` are exact for
 it. A sensor whose case is rotated by δ reads sin(θ + δ). In the reference form k₁ then has an error

@@ -67,7 +67,7 @@ def confounded_columns(matrix: Array) -> Bools:
 
 
 def distinct_angles(angle: Array) -> tuple[Array, Indices]:
-    """Return the distinct angles within one turn, rad, ascending, and the visits to each.
+    """Return the distinct angles within one turn, rad, ascending, and the number of visits to each.
 
     Parameters
     ----------

@@ -68,12 +68,12 @@ LEVER_ARM_NOTE = (
 
 
 def half_circle() -> tuple[Attitude, ...]:
-    """Return the twenty positions of the source: ψ = 0 … 180° by 45°, θ = 0 … 180° by 60°."""
+    """Return the source's twenty positions: ψ to 180° in 45° steps, θ to 180° in 60° steps."""
     return tuple(arm_attitude(radians(45 * i), radians(60 * j)) for i in range(5) for j in range(4))
 
 
 def full_circle() -> tuple[Attitude, ...]:
-    """Return twenty positions on the full circle: ψ by 72° from 10°, θ = 20°, 110°, 200°, 290°."""
+    """Return twenty positions on the full circle: ψ from 10° in steps of 72°, θ = 20° to 290°."""
     return tuple(
         arm_attitude(radians(10 + 72 * i), radians(theta))
         for i in range(5)

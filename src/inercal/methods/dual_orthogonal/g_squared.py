@@ -192,7 +192,7 @@ def g_squared_problem(
 
 
 def with_gravity_sensitivity(problem: Problem, estimate: Estimate) -> Estimate:
-    """Return an estimate from `g_squared_problem` with its derivative by the stated gravity.
+    """Return an estimate from `g_squared_problem` with its sensitivity to the stated gravity.
 
     If gravity increases by dg, all residuals g − ‖f̂‖ do too: dc = P Jᵀ W 1 dg.
     """

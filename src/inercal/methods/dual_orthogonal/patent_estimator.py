@@ -235,7 +235,7 @@ def _two_stage_covariance(
     readings: Array,
     priors: Priors,
 ) -> tuple[Array, Array]:
-    """Return the covariance of all coefficients, and their derivative by the readings, (p, 2r).
+    """Return the covariance of all coefficients, and their sensitivity to the readings, (p, 2r).
 
     Both stages are linear in the readings. The result of the second stage changes with its residual
     by dx = H⁻¹JᵀW dr, where dr = −∂‖f̂‖/∂y dy − ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and

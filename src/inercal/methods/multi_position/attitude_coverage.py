@@ -61,7 +61,7 @@ class GeometryErrors(NamedTuple):
 
 
 def rest_rows(sensor: Sensor, up: Array, g: float, errors: GeometryErrors) -> Array:
-    """Return the Jacobian by the coefficients for a rest in each attitude, (r, 1 or 4, p).
+    """Return the Jacobian of a rest in each attitude for the coefficients, (r, 1 or 4, p).
 
     Rows are whitened by `errors`, and columns are in natural sizes. `up` is (r, 3).
     """

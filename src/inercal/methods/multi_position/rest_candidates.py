@@ -21,9 +21,9 @@ the corrected rate (`inercal.recordings.segments.rest_changes`). Each rest has t
 
 whitened by the noise of both. They add no information about the coefficients and are only used for
 tests. One test is for a step in the middle of a rest, which also moves the rest's mean by half the
-step. The other is for a drift of the biases. A push of the hand scatters d. Along gravity and
-across it, each rest is therefore tested against the scatter of the other rests, if this scatter
-exceeds their noise.
+step. The other is for a drift of the biases. A push of the hand increases the scatter of d. Each
+rest is therefore tested against the scatter of the other rests, along gravity and across it, if
+this scatter exceeds their noise.
 """
 
 from collections.abc import Callable, Iterator
@@ -265,9 +265,9 @@ class RestChanges:
     ----------
     residual : (3 r,) array
     by_reading : (r, 3, m) array
-        Derivatives of each rest's rows by each accelerometer's reading, SI.
+        Sensitivity of each rest's rows to each accelerometer's reading, SI.
     drift : mapping of str to (3 r,) array
-        Derivatives by a drift of each accelerometer's bias over the span of the rests, by name.
+        Sensitivity to a drift of each accelerometer's bias over the span of the rests, by name.
     """
 
     residual: Array

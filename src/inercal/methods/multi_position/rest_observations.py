@@ -62,7 +62,7 @@ class ResidualRows(NamedTuple):
     """All rows at one x = (c, g, ω_e, τ, ε)."""
 
     residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
-    jacobian: Array  # derivatives of the predictions by x
+    jacobian: Array  # of the predictions, with respect to x
     norm: NormResiduals
     rotations: RotationResiduals | None
     attitude: Array | None  # (r, 3, 3), from the level frame to the body's, if there are turns
@@ -180,7 +180,8 @@ class Rests:
     def rate_rounding(self) -> Array:
         """Standard deviation of the rounding error that the rests' rates share, (3,) rad/s.
 
-        Rests read b + ε, turns b. If ε were part of the bias, a turn would be off by ε T.
+        Readings at rest contain b + ε, but those during turns only b. If ε were part of the
+        bias, a turn would be wrong by ε T.
         """
         found = self.observations.rounding
         if found is None or self.transitions is None:
@@ -192,8 +193,8 @@ class Rests:
     def accelerometer_drift(self) -> Array:
         """The accelerometer drift that the rests cannot exclude, (2, r, m), or () if none.
 
-        The drifts are linear and quadratic in time. Their size is one standard deviation of what
-        the slopes within r rests of T seconds can exclude. The slope of one rest has the variance
+        The drifts are linear and quadratic in time. They are as large as the slopes within r rests
+        of T seconds allow, with one standard deviation. The slope of one rest has the variance
         12 v/T², where v is the variance of its mean. Gravity lies along each of m axes in r/m of
         the rests. Means without times have no order, and stated slow noise is used as stated.
         """
@@ -251,7 +252,7 @@ class Rests:
         return tangent_vectors(self.norms(self.start()).up)
 
     def norms(self, x: Array) -> NormResiduals:
-        """Return the norm rows at x, with derivatives by the accelerometers' c and g."""
+        """Return the norm rows at x, with their Jacobian for the accelerometers' c and g."""
         a, p = len(self.force.coefficients), len(self.sensor.coefficients)
         return self._cached_norms(x[:a].tobytes(), float(x[p]))
 
@@ -390,7 +391,7 @@ class Rests:
         return shares
 
     def ramp_sensitivities(self, turns: RotationResiduals) -> tuple[Array, Array]:
-        """Return the derivatives of the rotations by a gyro offset on each ramp, (k, 2, 3)."""
+        """Return the sensitivity of the rotations to a gyro offset on each ramp, (k, 2, 3)."""
         arriving = -turns.to_end_turn * self.ramps[turns.rest + 1, 0, None, None]
         leaving = -turns.to_end_turn @ turns.way.rotation * self.ramps[turns.rest, 1, None, None]
         return arriving, leaving

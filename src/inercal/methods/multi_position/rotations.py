@@ -34,7 +34,7 @@ _ITERATIONS = 2  # each reduces the remaining error to a few thousandths
 
 
 class InverseModel(NamedTuple):
-    """f and ω of a sample computed from its output, and their derivatives by the coefficients."""
+    """f and ω of a sample computed from its output, and their sensitivity to the coefficients."""
 
     matrix: Array  # (6, m), SI per output unit
     offset: Array  # (6,), SI
@@ -46,8 +46,8 @@ class TransitionRotations(NamedTuple):
 
     rotation: Array  # (k, 3, 3), R
     coefficient_derivatives: Array  # (k, 3, p), derivatives of ψ
-    to_bias: Array  # (k, 3, 3), derivatives of ψ by a constant rate error, s
-    to_timebase: Array  # (k, 3), derivatives of ψ by the relative error τ of the clock, rad
+    to_bias: Array  # (k, 3, 3), sensitivity of ψ to a constant rate error, s
+    to_timebase: Array  # (k, 3), sensitivity of ψ to the relative error τ of the clock, rad
     noise: Array  # (k, 3, 3), covariance of ψ due to the rate's white noise in between, rad²
 
 
@@ -58,17 +58,17 @@ class RotationResiduals(NamedTuple):
     way: TransitionRotations
     residual: Array  # (k, 2), ρ in rad
     to_end_turn: Array  # (k, 2, 3), ∂(−ρ)/∂ψ, of the prediction minus the observation
-    to_before: Array  # (k, 2, 3), derivatives of ρ by f̂ at the rest before
-    to_after: Array  # (k, 2, 3), derivatives of ρ by f̂ at the rest after
-    to_earth: Array  # (k, 2, 3), derivatives of −ρ by the earth's rotation, rad
-    to_timebase: Array  # (k, 2), derivatives of −ρ by the relative error of the clock, rad
+    to_before: Array  # (k, 2, 3), sensitivity of ρ to f̂ at the rest before
+    to_after: Array  # (k, 2, 3), sensitivity of ρ to f̂ at the rest after
+    to_earth: Array  # (k, 2, 3), sensitivity of −ρ to the earth's rotation, rad
+    to_timebase: Array  # (k, 2), sensitivity of −ρ to the relative error of the clock, rad
 
 
 def inverse_model(sensor: Sensor, c: Array, dT: float = 0.0) -> InverseModel:
     """Return the inverse of the sensor's model, linear in the motion.
 
-    Terms that bend the accelerometers' response are omitted, because f is only used here to remove
-    the gyros' sensitivity to it.
+    The nonlinear terms of the accelerometers are omitted, because f is only used here to remove the
+    gyros' sensitivity to it.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ def row_covariance(rests: Rests, rows: ResidualRows, scatter: Scatter) -> RowCov
 
 
 def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
-    """Return the derivatives of each rest's rows by its readings, (r, 8, m + 12) or (r, 8, m).
+    """Return the sensitivity of each rest's rows to its readings, (r, 8, m + 12) or (r, 8, m).
 
     The readings are in the order of `Rests.readings`.
     """
@@ -75,7 +75,7 @@ def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
 
 
 def _transition_offset_sensitivities(rests: Rests, turns: RotationResiduals) -> Array:
-    """Return the derivatives of the rotations by half a gyro offset between the ramps, (k, 2, 3).
+    """Return the sensitivity of the rotations to half a gyro offset between the ramps, (k, 2, 3).
 
     An offset is constant during a rest. In a transition it is the mean of the offsets at both ends
     plus an independent part with the same variance.

@@ -1,7 +1,7 @@
 """Whether sections determine the coefficients: the rank of a plan, regardless of the noise.
 
-The design contains the derivatives of the nominal readings by the coefficients, without bench
-errors and without earth's rotation. Each column is scaled to norm one. An error is raised if the
+The design is the sensitivity of the nominal readings to the coefficients, without bench errors and
+without earth's rotation. Each column is scaled to norm one. An error is raised if the
 singular value of a direction is below 2e-3 of the largest one. Such a direction would be determined
 only by the earth's rate, or by the scatter of rates about one speed.
 """
@@ -89,7 +89,7 @@ def null_directions(design: Array) -> Array:
 def _nominal_design(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: PlatformSteps
 ) -> Array:
-    """Return the derivatives of the nominal readings by the coefficients, (..., r m, p)."""
+    """Return the sensitivity of the nominal readings to the coefficients, (..., r m, p)."""
     nominal = bench.without_earth_rate().mean_motion(steps, {}).motion
     offsets = temperature.row_offsets(observations, sensor)
     motion = Motion(nominal.f, nominal.w, dT=offsets) if offsets.ndim else nominal

@@ -1,8 +1,8 @@
 """Residual functions shared by the methods: readings minus the readings that the model predicts.
 
 Vector observation: the mean reading of each row minus the model's reading for its motion,
-y − h(f, ω; c). The derivatives by the coefficients are exact, and so are those by the parameters of
-the motion, which follow from the chain rule. Norm observation: the attitude is unknown, and only
+y − h(f, ω; c). The derivatives are exact. Those with respect to the parameters of the motion
+follow from the chain rule. Norm observation: the attitude is unknown, and only
 the norm of the sensed motion is compared. A compiled kernel computes many trials of three
 accelerometers from their declared terms.
 
@@ -42,7 +42,7 @@ def vector_residuals(
     motion : Motion
         Motion of each row, (..., r, 3).
     df, dw : (..., r, 3, q) arrays
-        Derivatives of specific force and rate by the nuisances; None for `dw` means zero.
+        Sensitivity of specific force and rate to the nuisances; None for `dw` means zero.
     """
     reading, design, slope = sensor.linearise(motion, c)
     residual = y - reading
@@ -63,7 +63,7 @@ class NormResiduals(NamedTuple):
     """Result of `norm_residuals`; shapes for r rows, m axes and p coefficients."""
 
     residual: Array  # (..., r), m/s²
-    jacobian: Array  # (..., r, p + 1), derivatives of ‖f̂‖ − g by the coefficients and g
+    jacobian: Array  # (..., r, p + 1), of ‖f̂‖ − g, for the coefficients and g
     specific_force: Array  # (..., r, 3), f̂
     up: Array  # (..., r, 3), f̂ / ‖f̂‖
     design: Array  # (..., r, m, p), ∂h/∂c at f̂
@@ -135,9 +135,9 @@ class NoisyNormResiduals(NamedTuple):
     """Result of `noisy_norm_residuals`; shapes for r rows and p coefficients."""
 
     residual: Array  # (..., r), m/s²
-    jacobian: Array  # (..., r, p), derivatives of ‖f̂‖ by the coefficients
+    jacobian: Array  # (..., r, p), of ‖f̂‖, for the coefficients
     variance: Array  # (..., r), variance of ‖f̂‖ due to the readings' noise, (m/s²)²
-    by_rate: Array  # (..., r, 3), derivatives of ‖f̂‖ by ω; zero without lever arms
+    by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero without lever arms
 
 
 def noisy_norm_residuals(
@@ -184,7 +184,7 @@ class StatedNorms(NamedTuple):
     """Norms of the specific force in r rows as the bench states them, for s trials or for all."""
 
     norm: Array  # (..., r), m/s²
-    derivatives: Array  # (q, ..., r), derivatives by the bench's parameters
+    derivatives: Array  # (q, ..., r), with respect to the bench's parameters
     variance: Array  # (..., r), variance due to the errors of each row, (m/s²)²
 
 

@@ -44,7 +44,7 @@ class Model(NamedTuple):
 
     along: Array  # k (3, 6), coefficients of the products along each axis
     directions: Array  # d (3, 3)
-    turned: Array  # (3, 2, 3), derivatives of d by δ_O and δ_P, which are also directions
+    turned: Array  # (3, 2, 3), ∂d/∂(δ_O, δ_P), which are also directions
     across: Array  # e (3, 3)
     slope: Array  # (3, 3), ∂y/∂f at zero force
     back: Array  # (3, 3), its inverse
@@ -220,7 +220,7 @@ def _invert_axes(model: Model, rows: Rows) -> int:
 
 @njit(**INNER)
 def set_product(seen: Array, powers: Indices, factor: float, by: int, out: Array) -> bool:
-    """Write a product of components seen (5, r), or its derivative by component `by` if by ≥ 0.
+    """Write a product of components seen (5, r), or its derivative for component `by` if by ≥ 0.
 
     Return False and write nothing if the derivative is zero.
     """

@@ -22,9 +22,9 @@ class Derivatives(NamedTuple):
     """Derivatives for r rows of m axes, for s trials or shared by all; p coefficients, q others."""
 
     design: Array  # (1 or s, r, m, p)
-    slope: Array  # (1 or s, 1 or r, m, 6), derivatives by f and ω
-    f: Array  # (q, 1 or s, r, 3), derivatives of the specific force by the other parameters
-    w: Array  # (q or 0, 1 or s, r, 3), derivatives of the rate by the other parameters
+    slope: Array  # (1 or s, 1 or r, m, 6), ∂h/∂(f, ω)
+    f: Array  # (q, 1 or s, r, 3), sensitivity of specific force to other parameters
+    w: Array  # (q or 0, 1 or s, r, 3), sensitivity of the rate to other parameters
     readings: Array  # (n, q), effect of unit parameters on the observed readings
     observed: Indices  # (n,), indices of the observed readings, row after row
 

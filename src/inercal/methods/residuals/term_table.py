@@ -40,7 +40,6 @@ def term_table(sensor: Sensor) -> TermTable | None:
 
     This is the case for sensors other than three accelerometers, for terms with the rate and its
     derivative, and for the bias asymmetry, which has no inverse at zero.
-    bias asymmetry, which has no inverse at zero.
     """
     if len(sensor.axes) != 3 or any(axis.measures != "f" for axis in sensor.axes):
         return None

@@ -102,7 +102,7 @@ def planar_norm(
 def fit_vectors_and_norms(
     level: Array, f: Array, groups: Array, square: Array
 ) -> tuple[AffineModel, Array, Bools]:
-    """Return the model, the derivative of θ by each row, (..., 12, 3 r + s), and convergence flags.
+    """Return the model, the sensitivity of θ to each row, (..., 12, 3 r + s), and convergence.
 
     The arguments are as for `linearised_rows`.
     """

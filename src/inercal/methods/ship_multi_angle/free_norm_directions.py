@@ -52,7 +52,7 @@ class GroupInformation(NamedTuple):
 
     singular_values: Array  # (..., 12) singular values of J, descending
     null_projector: Array  # (..., 12, 12), N Nᵀ
-    gain: Array  # (..., 12, 3 r), derivatives of θ by ε in each group; axis index varies fastest
+    gain: Array  # (..., 12, 3 r), sensitivity of θ to ε in each group; axis index varies fastest
 
 
 def group_information(model: AffineModel, a: Array) -> GroupInformation:

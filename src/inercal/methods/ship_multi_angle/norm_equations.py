@@ -1,6 +1,6 @@
 """Norms of a tilted triad: the source's equations, their solution, and the symmetric frame.
 
-With v = M a + p, in g, each group has one equation and one row of slopes by θ::
+With v = M a + p, in g, each group has one equation and one row of the Jacobian J for θ::
 
     |v|² = A² + 1,   J = 2 (v_x aᵀ, v_y aᵀ, v_z aᵀ, vᵀ)
 
@@ -79,7 +79,7 @@ def norm_residuals(model: AffineModel, a: Array, square: Array) -> Array:
 
 
 def norm_jacobian(model: AffineModel, a: Array) -> Array:
-    """Return J by θ, (..., r, 12)."""
+    """Return the Jacobian J with respect to θ, (..., r, 12)."""
     v = model.correct(a)
     by_matrix = v[..., :, None] * a[..., None, :]
     return 2 * np.concatenate([by_matrix.reshape(*v.shape[:-1], 9), v], axis=-1)

@@ -211,7 +211,7 @@ def filter_epochs(
     w, f, dw : (e count, 3) arrays
         ω, f and dω/dt of the samples, SI, with the coefficients that the states are relative to.
     by_rate, by_force : (e, 3, n − 6) arrays
-        ∂ω and ∂f in each epoch by the states after ψ and v.
+        Sensitivity of ω and f in each epoch to the states after ψ and v.
     rest : (e,) array of int
         Index of the rest that contains the epoch, from 0; −1 in motion.
     rest_attitude : (m, 3, 3) array
@@ -225,7 +225,7 @@ def filter_epochs(
     begins : bool
         Whether the first sample is the first of the recording.
     earth, earth_slope : (3,) arrays
-        ω_ie in n and its derivative by the latitude.
+        ω_ie in n and its derivative with respect to latitude.
     gravity, lag : float
         Reference values of their states, m/s² and s.
     white : (6,) array

@@ -84,7 +84,7 @@ def advance_sample(
     lagging: Array,
     turned: Array,
 ) -> None:
-    """Propagate C and v over a sample; write the velocity gained and its derivative by the lag.
+    """Propagate C and v over a sample; write the velocity gained and its sensitivity to the lag.
 
     The first two rows of `work`, (SAMPLE_VECTORS, 3), contain the increments of the sample before,
     or of this sample if the motion begins here. `turned`, (2, 3, 3), is a work array.

@@ -1,7 +1,7 @@
 """Rules for coefficients that no sequence of turns between rests determines.
 
-They are named in an error before any step. A rule decides instead of the rank, because any
-information from one device about a gauge is noise.
+They are named in an error message before the estimation starts. Rules are used instead of the rank,
+because any information about a gauge that one device seems to give is only noise.
 """
 
 from collections.abc import Sequence
@@ -41,8 +41,8 @@ def require_determined(sensor: Sensor, observations: Observations, priors: Prior
     Raises
     ------
     NotObserved
-        Free are the rotation of the body frame, a common lever arm, or even-order terms if all
-        rests are at faces of a cube.
+        The rotation of the body frame or a common lever arm is free, or all rests are at faces of a
+        cube and even-order terms are free.
     InputError
         An axis has no rest upwards or downwards.
     """
@@ -83,7 +83,7 @@ def require_determined(sensor: Sensor, observations: Observations, priors: Prior
 
 
 def require_turns(attitudes: Array, sensor: Sensor, priors: Priors) -> None:
-    """Raise NotObserved for gyro coefficients that need turns about a body axis without turns.
+    """Raise NotObserved if gyro coefficients need turns about a body axis and there are none.
 
     Parameters
     ----------

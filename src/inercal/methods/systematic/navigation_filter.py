@@ -142,7 +142,7 @@ class FilterStart:
 
 
 def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
-    """Return the start of a filter from the rests and turns of its recording, or of its beginning.
+    """Return the start of a filter from the rests and turns at the beginning of its recording.
 
     Raises
     ------
@@ -316,7 +316,7 @@ class NavigationFilter:
         return result
 
     def _effects(self, c: Array, means: TurnMotion) -> tuple[Array, Array]:
-        """Return ∂ω and ∂f in each epoch by the states after ψ and v, (e, 3, q)."""
+        """Return the sensitivity of ω and f per epoch to the states after ψ and v, (e, 3, q)."""
         imu, names = self.model.imu, self.model.sensor.coefficients
         full = imu.with_biases.sensor
         rate, force = imu.with_biases.sensitivities_at(imu.add_biases(c), means)

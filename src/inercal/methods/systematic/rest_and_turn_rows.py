@@ -202,7 +202,7 @@ class RestAndTurnRows:
         sign = np.repeat([1.0, -1.0], 3)
         for k in range(m - 1):
             result[2 * k + 1, :, 2 * k + 1] = sign[:, None] * done.covariance[k] * sign
-        by = np.zeros((count, _ROWS, _ROWS))  # derivatives of each segment's residuals by drifts
+        by = np.zeros((count, _ROWS, _ROWS))  # sensitivity of each segment's residuals to drift
         by[::2] = np.eye(_ROWS)
         by[1::2, 3:, :3] = done.v[:, :, columns.force_bias]
         by[1::2, :3, 3:] = -done.psi[:, :, columns.rate_bias]

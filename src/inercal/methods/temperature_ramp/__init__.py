@@ -45,7 +45,7 @@ _BINS = 20  # number of temperature bins in which rising and falling are compare
 
 
 def rest(seconds: float = 3600.0) -> tuple[Hold, ...]:
-    """Return the only step of a ramp, a rest."""
+    """Return the plan for a ramp, which is a single rest."""
     return (Hold("rest", (0.0, 0.0, 1.0), seconds),)
 
 

@@ -50,7 +50,7 @@ class NodeMeans(NamedTuple):
     ----------
     nodes : CourseNodes
     kelvin, rate : (b, k) arrays
-        Derivatives of the block means of R and dR/dt by the value of each node.
+        Sensitivity of the block means of R and dR/dt to the value of each node.
     """
 
     nodes: thermometer_steps.CourseNodes
@@ -160,7 +160,7 @@ class RampBlocks:
 
     @property
     def noise_share(self) -> float:
-        """Noise share of the temperature sensor in the part of the rate that determines the lag.
+        """Share of the temperature sensor's noise in the part of the rate that determines the lag.
 
         The noise follows from third differences of the rate, which real temperatures hardly affect.
         """

@@ -138,7 +138,7 @@ def _rate_not_observed(model: RampModel) -> NotObserved:
 
 
 class _Rows(NamedTuple):
-    """Whitened residuals, and their Jacobians by the parameters and by the nodes."""
+    """Whitened residuals, and their Jacobians for the parameters and for the nodes."""
 
     residual: Array
     jacobian: Array

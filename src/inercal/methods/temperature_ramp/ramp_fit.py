@@ -1,8 +1,9 @@
 """Generalised least squares for a ramp: coefficients, constants, and the lag if it is unknown.
 
 The candidates for score tests are temperature terms, a drift, and a warm-up. A warm-up exp(−t/τ)
-has an unknown time constant. The search takes the one that explains most, and the derivative by
-ln τ is also a component of the candidate, so the significance of the test allows for the search.
+has an unknown time constant. The search takes the one that explains most. The derivative with
+respect to ln τ is also a component of the candidate, so the significance of the test allows for the
+search.
 
 The model computes readings and their derivatives axis by axis.
 """
@@ -85,7 +86,7 @@ class RampModel(NamedTuple):
         return kelvin + self.lag_of(x) * rate - self.sensor.reference_temperature
 
     def node_effect(self, x: Array) -> Array:
-        """Return the derivatives of the block temperatures by the nodes, (b, k)."""
+        """Return the sensitivity of the block temperatures to the nodes, (b, k)."""
         course = self.blocks.course
         assert course is not None
         return course.kelvin + self.lag_of(x) * course.rate
@@ -135,7 +136,7 @@ class RampModel(NamedTuple):
         return np.concatenate(residuals), np.concatenate(jacobians)
 
     def _of_axis(self, x: Array, k: int) -> tuple[Array, Array]:
-        """Return an axis's derivatives, except by the lag, (b, p), and its db/dT, (b,)."""
+        """Return an axis's Jacobian without the lag, (b, p), and its db/dT, (b,)."""
         blocks, names, axis = self.blocks, self.names, self.sensor.axes[k]
         seen = {"dT": self.temperature_offset(x), "dTdt": self._course()[1]}
         jacobian = np.zeros((blocks.time.size, len(names)))

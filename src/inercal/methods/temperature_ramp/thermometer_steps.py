@@ -237,7 +237,7 @@ class CourseNodes:
     sd: Array
 
     def means(self, edges: Array) -> tuple[Array, Array]:
-        """Return derivatives of R's and dR/dt's means over b blocks by node values, (b, k) each.
+        """Return the sensitivity of the means of R and dR/dt over b blocks to node values, (b, k).
 
         Parameters
         ----------

@@ -113,7 +113,7 @@ class Drift(NamedTuple):
         Returns
         -------
         rows : (3, s) array
-            Derivatives of each axis's mean by the states.
+            Sensitivity of each axis's mean to the states.
         variance : (3,) array
             Variance of the flicker since the states were predicted.
         """

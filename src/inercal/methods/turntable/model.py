@@ -257,7 +257,7 @@ def _directions_by_variance_share(
 def table_sensitivity(
     seen: Misalignment, table: Sequence[Parameter], skipped: Sequence[str] = ()
 ) -> Array:
-    """Return the derivatives of the observed φ by the table's parameters, (e, 3, q), level frame.
+    """Return the sensitivity of the observed φ to the table's parameters, (e, 3, q), level frame.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def table_sensitivity(
 
 
 def gravity_sensitivity(part: TriadModel) -> Array:
-    """Return the derivatives of the coefficients by a relative error of gravity, (p,)."""
+    """Return the sensitivity of the coefficients to a relative error of gravity, (p,)."""
     p = len(part.sensor.coefficients)
     by = np.zeros((3, 3, p))
     by[part.terms.axis, :, np.arange(p)] = part.terms.weights[:, part.terms.first :][:, :3]

@@ -219,7 +219,7 @@ def accelerometer_columns(
 ) -> ConstantColumns:
     """Return the columns for accelerometers that a table holds still, as velocities.
 
-    The first epoch of a hold drives nothing.
+    The first epoch of a hold has no effect.
 
     Parameters
     ----------

@@ -156,7 +156,7 @@ def fill_force_terms(phi: Array, f: Vector) -> None:
 
 
 def used_term_indices(weights: Array) -> Indices:
-    """Return the terms of φ that a triad's coefficients use, and the first, as biases drift."""
+    """Return the terms of φ that a triad uses; the first is always used, because biases drift."""
     used = np.any(weights != 0.0, axis=0)
     used[0] = True
     return np.flatnonzero(used)

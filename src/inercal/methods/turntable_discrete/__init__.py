@@ -3,9 +3,9 @@
 Accelerometers read gravity in fixed positions. Gyros read the earth's rate there, and constant
 rates of both signs in rotations. The sum over both signs gives the biases and the earth's rate, the
 difference gives scale and misalignment. The table's errors are nuisances with their stated
-deviations. The drift of the biases correlates neighbouring rows (`turntable.drift.
-covariance_of_means`), and a bias is its mean over the run. Accelerometer readings during rotations
-are not used, because an unstated lever arm would affect them.
+deviations. The drift of the biases correlates neighbouring rows
+(`turntable.drift.covariance_of_means`), and a bias is its mean over the run. Accelerometer readings
+during rotations are not used, because an unstated lever arm would affect them.
 
 The motion is the mean of what an IMU senses in a position or over a rotation. The readback's
 attitude C_k at times t_k is wrong by a small rotation φ_k = B_k β in the level frame::
@@ -173,7 +173,7 @@ def row_means(bench: Turntable, time: Array, mat: Array, seen: Misalignment) -> 
 
 
 def stack_row_means(bench: Turntable, ways: Sequence[AxisAngles]) -> MeanMotion:
-    """Return the motion in all rows, (..., r, 3), with ∂f and ∂ω by the bench's parameters.
+    """Return the motion in all rows, (..., r, 3), and its sensitivity to the bench's parameters.
 
     Raises
     ------

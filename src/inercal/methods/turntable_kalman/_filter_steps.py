@@ -26,7 +26,7 @@ MAX_REJECTIONS = 3  # in a row
 
 
 class FilterSamples(NamedTuple):
-    """Of n samples."""
+    """The samples of a piece of a recording; n of them."""
 
     time: Array  # (n,) s
     reading: Array  # (n, 3), m/s² or rad/s

@@ -171,7 +171,7 @@ class AccelerometerFilter(Filter[VelocityState]):
     def advance(
         self, state: VelocityState, track: Track, wanted: Array | None = None
     ) -> tuple[VelocityState, FilterPiece]:
-        """Return the result as for `Filter.advance`."""
+        """Process a piece of a track; see `Filter.advance`."""
         # An epoch waits for the first sample with usable angles; see `GyroFilter.advance`.
         usable = np.where(np.isfinite(track.angle_variance(1.0)), track.hold, -1)
         epochs = strapdown.epoch_indices_in_holds(

@@ -187,7 +187,7 @@ def _table_sensitivities(
 
 
 def split_priors(sensor: Sensor, priors: Priors) -> list[Gaussian]:
-    """Return the priors by triad, because each filter has its own.
+    """Return the priors of each triad separately, because each filter has its own.
 
     Raises
     ------

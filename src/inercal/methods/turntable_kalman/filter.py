@@ -238,7 +238,7 @@ class Filter(ABC, Generic[S]):
 
     @staticmethod
     def innovation_gate(track: Track) -> float:
-        """Return the largest accepted innovation in standard deviations; infinite if any is.
+        """Return the largest accepted innovation, in standard deviations, or infinity for no gate.
 
         A gate is for table readings that may contain a false digit. If every sample of a recording
         has its own angle, the checks during reading find such errors.

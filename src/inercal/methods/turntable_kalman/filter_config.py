@@ -156,7 +156,7 @@ class FilterConfig(NamedTuple):
         }
 
     def describe_changes(self, estimator: str) -> str:
-        """Return the values that differ from the estimator's defaults, and these; empty if none."""
+        """Describe the values that differ from the estimator's defaults; empty if none does."""
         own = FILTER_CONFIGS[estimator].describe()
         return "; ".join(
             f"{key} {text} (default {own[key]})"

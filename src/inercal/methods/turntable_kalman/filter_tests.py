@@ -341,7 +341,7 @@ def residual_group(one: FilterResult, observations: Observations) -> ResidualGro
 
 
 def describe_innovations(one: FilterResult) -> str:
-    """Return a sentence on whether the innovations agree with the stated noise and table."""
+    """Describe in a sentence whether the innovations agree with the stated noise and table."""
     mean = one.nis / max(one.dof, 1)
     text = f"{one.course.name}: the innovations' NIS per degree of freedom is {mean:.2f}"
     if variance_inflation(one) > 1:

@@ -2,7 +2,7 @@
 
 The state before each piece is stored. The record of a piece, 5 to 8 kB per epoch, is recomputed
 from this state when it is needed: forward for the tests, backward for the smoother. A filter that
-processes pieces takes the same steps, identical to the last bit. Kernels change the state of a
+processes pieces takes exactly the same steps, to the last bit. Kernels change the state of a
 filter in place.
 """
 

@@ -5,8 +5,8 @@ attitude (latency, clock, right angles, harmonics of the readback). The attitude
 the corrected rates and compared with the readback at every epoch. Estimates are fed back.
 
 A readback may be earlier or later than the IMU sample. The earlier of the two waits for the other,
-so each readback is compared with an attitude between samples. That attitude is at most 8 standard
-deviations of the latency old.
+so each readback is compared with an attitude between samples. The age of that attitude is at most 8
+standard deviations of the latency.
 """
 
 from collections.abc import Mapping
@@ -185,7 +185,7 @@ class GyroFilter(Filter[AttitudeState]):
     def advance(
         self, state: AttitudeState, track: Track, wanted: Array | None = None
     ) -> tuple[AttitudeState, FilterPiece]:
-        """Return the result as for `Filter.advance`."""
+        """Process a piece of a track; see `Filter.advance`."""
         samples, (stamps, variance, angles), tail = self._pair_readback(
             state.pending_samples, track
         )

@@ -10,7 +10,8 @@ to terms with Δt⁴ ω‴::
 
     Δt (ω₀ x + (ω₁ − ω₀) x²/2 − ω″ Δt² (x²/4 − x³/6))
 
-ω″ is the mean of the values for the parabolas through the step and the sample before, and after.
+ω″ is the mean over two parabolas: through the step and the sample before it, and through the step
+and the sample after it.
 
 A reading counts once in the sum of all steps, but it is divided between two neighbouring increments
 if an epoch ends between them. With u = x (1 − x) their covariance is γ(u) σ² (`neighbour_share`),
@@ -133,7 +134,7 @@ def increments(
     apart_by : (e, 3) array
         Output: the rotation from the gyros' to the readback's attitude, level frame, rad.
     columns, drifting : (e, 3, p) and (e, 3, 3) arrays
-        Output: its derivatives by coefficients and biases.
+        Output: its sensitivity to coefficients and biases.
     driven : (e, 3, 3) array
         Output: its covariance due to the gyros' noise, rad².
     shared : (e + 1, 3, 3) array

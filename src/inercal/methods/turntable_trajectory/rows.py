@@ -251,7 +251,7 @@ class StaticRows:
     sensed_force : (e, 3) array
         Force from readback and declared gravity, m/s².
     by : (e, 3, q) array
-        Derivatives of this force by each nuisance.
+        Sensitivity of this force to each nuisance.
     angles : (e, k) array
         Readback, rad.
     temperature_offset : (e,) array or None
