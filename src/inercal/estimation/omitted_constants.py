@@ -58,7 +58,7 @@ def omitted_constant_sums(
         `driven`, (e, r, D), is d for the states from index `at` on, ignored where nothing was
         observed; `seen`, (e, o, B), is c for the observations from index `row` on.
     start : (n, D + B) array
-        U before the first epoch.
+        The value of U before the first epoch.
     at : int
     row : int
     tested : int, optional

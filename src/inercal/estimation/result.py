@@ -43,7 +43,7 @@ class ResidualGroup:
     name, unit : str
         Name of the kind, and the SI unit of its residuals.
     labels : tuple of k str
-        One for each observation.
+        One label for each observation.
     residual : (k, q) array
         Residuals with q components each, in `unit`.
     sd : (k, q) array
