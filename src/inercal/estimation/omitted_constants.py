@@ -49,7 +49,7 @@ def omitted_constant_sums(
     row: int,
     tested: int | None = None,
 ) -> OmittedSums:
-    """Return the effect on the innovations of D state-driving and B observed constants.
+    """Return the sums for D constants that drive states and B constants in the observations.
 
     Parameters
     ----------

@@ -13,12 +13,12 @@ process of correlation time τ, and a = 1 − exp(−h/τ), it is::
 
 and the variance of the section's mean is w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))) divided by the number
 of samples. ρ and τ are common to all sections, and each section has its own w. They maximise the
-likelihood. They are accepted only if twice the log-likelihood rises by more than the 99 % bound
-whichever section is left out, because one disturbed section is not a correlation. τ is at most T/2.
-If likelihood ratios exclude all τ below T/9 but do not exclude a random walk (τ = 4 T), no
-statistic within sections shows how far the noise drifts from one section to the next. The model
-assumes that the noise of different sections is independent, so it is then rejected with the p-value
-of the correlation.
+likelihood. They are accepted only if, whichever section is left out, twice the log-likelihood rises
+by more than the 99 % bound. A single disturbed section is thus not mistaken for a correlation. τ is
+at most T/2. If likelihood ratios exclude all τ below T/9 but do not exclude a random walk (τ = 4
+T), no statistic within sections shows how far the noise drifts from one section to the next. The
+model assumes that the noise of different sections is independent, so it is then rejected with the
+p-value of the correlation.
 
 * Change within a section: an F test compares the contrast of its halves, and the contrasts within
   each half, with the section's own scatter at the finer levels, given the correlation found in the

@@ -246,7 +246,7 @@ class Sensor:
         return Linearisation(reading, design, self._slope(responses, reading.shape))
 
     def _linearise_affine(self, motion: Motion, c: Array) -> Linearisation:
-        """Return the same with two matrix products: y = (A₀ + Σ c B) (f, ω, 1)."""
+        """Linearise an affine sensor with two matrix products: y = (A₀ + Σ c B) (f, ω, 1)."""
         nominal, change = self._affine_maps
         shape = np.broadcast_shapes(motion.f.shape, motion.w.shape)
         sensed = np.ones((*shape[:-1], 7))
