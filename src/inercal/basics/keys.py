@@ -84,5 +84,5 @@ class ObservationName(str):
 
     @property
     def row(self) -> str:
-        """The row, "XY30 at 90 rpm"; empty without a channel."""
+        """The row, "XY30 at 90 rpm"; empty if the name has no channel."""
         return self.partition("[")[2].removesuffix("]")

@@ -19,10 +19,10 @@ from inercal.basics.errors import InputError
 
 # Windows has no FIFOs to wait for, but would translate line ends.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-LARGEST = 4 << 20  # bytes; run files have a few kilobytes
-DEEPEST = 32  # levels of sections and lists
+LARGEST = 4 << 20  # bytes; run files take a few kilobytes
+DEEPEST = 32  # levels of nested sections and lists
 # Strings and comments, which may contain anything; then a dotted key of more levels. Quantifiers
-# are possessive, and a key is tried at its begin only, so that the time is that of reading.
+# are possessive and a key is only matched from its start, so the time grows linearly.
 _STRING_OR_COMMENT = re.compile(
     r'''"""(?s:[^"\\]|\\.|"(?!""))*+"""|'{3}(?s:.)*?'{3}|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'|#[^\n]*+'''
 )

@@ -131,7 +131,7 @@ def solve(
     normal : (trials, k (k + 1)/2) array
         N = AᵀA of the observations; it may have a single trial that all trials share.
     prior : (k, k) array
-        P, symmetric.
+        P, the symmetric information matrix of the priors.
     gradient : (trials, k) array
         g, from observations and priors.
     damping : (trials,) array

@@ -22,14 +22,14 @@ from inercal.basics.arrays import Array
 
 COARSE_LEVELS = 2  # levels that reveal a change; the finer levels show the noise
 SMALLEST_VARIANCE = 1e-6  # fraction of the mean variance; below it a section is constant
-_LEVEL = 0.01  # of the likelihood ratio for a correlation
-# Of likelihood ratios against a memory that is long, and against all that are short.
+_LEVEL = 0.01  # significance level of the likelihood ratio for a correlation
+# Significance levels to exclude a long memory, and to exclude all short ones.
 _EXCLUDED, _EXCLUDED_SHORT = 0.01, 0.05
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
-_TIMES = 14  # of τ
-_SHORT, _LONG = 1 / 9, 4.0  # times a section; it shows the latter as a random walk
-_LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ of that
-_SURE = 1e9  # degrees of freedom of a prior that all sections fit
+_TIMES = 14  # number of values of τ
+_SHORT, _LONG = 1 / 9, 4.0  # in section lengths; the latter looks like a random walk
+_LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ for the long memory
+_SURE = 1e9  # degrees of freedom of the prior if sections have equal variances
 
 
 class Contrasts(NamedTuple):
@@ -39,7 +39,7 @@ class Contrasts(NamedTuple):
     samples: int
     levels: tuple[Array, ...]  # (2^(l − 1), m) each
     slope: Array  # (m,)
-    slope_per_trend: float  # of `slope`, for a trend of one per second
+    slope_per_trend: float  # value of `slope` for a trend of one per second
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ class SmoothedStates:
 
 @dataclass(frozen=True, eq=False)
 class FilterHistory:
-    """The estimates of one filter over a run.
+    """The estimates and innovations of one filter over a run.
 
     Parameters
     ----------

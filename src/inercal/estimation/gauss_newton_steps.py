@@ -116,6 +116,8 @@ def moves(
 ) -> tuple[Array, Array, Bools]:
     """Return moves of x (trials, p), predicted decreases of χ² (trials,), and which exist.
 
+    A move that does not exist is zero.
+
     Parameters
     ----------
     step : GaussNewtonSteps

@@ -124,7 +124,7 @@ def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array, moved:
     drawn : (n,) array
         Diagonal of Q from state k on.
     moved : (k, n) array
-        Overwritten.
+        Work array, overwritten.
     """
     k, n = a.shape
     for i in range(k):
@@ -200,7 +200,7 @@ def smooth_steps(
     steps : FilterSteps
         The last epochs, or the epochs before those that were smoothed already.
     state : SmootherState
-        Changed in place.
+        State of the smoother, changed in place.
     last : (r,) array
         Variance after the last epoch of each sum given to `start_smoother`.
     shown : (q,) array of int

@@ -28,7 +28,7 @@ from inercal.basics.arrays import Array
 from inercal.estimation.singular_values import column_lengths
 
 _RANGE = float(np.log(1e4))  # s is between 1e-4 and 1e4
-_EXACT = 1e-6  # of ln s
+_EXACT = 1e-6  # tolerance for ln s
 _FEWEST = 1.0  # degrees of freedom
 
 

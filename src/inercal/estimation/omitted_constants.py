@@ -49,7 +49,7 @@ def omitted_constant_sums(
     row: int,
     tested: int | None = None,
 ) -> OmittedSums:
-    """Return the effect on the innovations of D state-driving and B observed constants.
+    """Return the sums for D constants that drive states and B constants in the observations.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def omitted_constant_sums(
         `driven`, (e, r, D), is d for the states from index `at` on, ignored where nothing was
         observed; `seen`, (e, o, B), is c for the observations from index `row` on.
     start : (n, D + B) array
-        U before the first epoch.
+        The value of U before the first epoch.
     at : int
     row : int
     tested : int, optional

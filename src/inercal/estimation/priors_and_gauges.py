@@ -95,9 +95,9 @@ class Gauge:
     names : tuple of str
         The k parameters.
     matrix : (q, k) array
-        C, of full row rank.
+        The matrix C, which has full row rank.
     value : (q,) array
-        d.
+        The right-hand side d.
 
     Raises
     ------

@@ -37,13 +37,13 @@ _LEVEL = 0.95
 _CALM = 0.99  # a share chosen by chance would understate the noise
 _FEW = 8  # degrees of freedom too few for a share
 _LEAST = -20 * np.log(2.0)  # lower bound of the logarithm of a variance, relative to the upper one
-_EXACT = 1e-7  # of the root
+_EXACT = 1e-7  # tolerance for the root
 
 
 class ScatterModel(NamedTuple):
     """The scatter of one kind of readings: a share of their noise, plus added noise."""
 
-    share: float = 1.0  # of the variance
+    share: float = 1.0  # share of the variance
     excess: float = 0.0  # standard deviation of each component
 
     def of(self, noise: Array, fixed: Array | None = None) -> Array:

@@ -1,4 +1,4 @@
-"""Results of an estimator: values, their covariance, and tests of the model.
+"""The results of an estimator: values, their covariance, and tests of the model.
 
 χ² is the sum over the whitened residuals of the observations and of the priors. Its degrees of
 freedom are observations + prior rows + gauge rows − parameters. If χ² exceeds its 95 % bound, noise
@@ -43,7 +43,7 @@ class ResidualGroup:
     name, unit : str
         Name of the kind, and the SI unit of its residuals.
     labels : tuple of k str
-        One for each observation.
+        One label for each observation.
     residual : (k, q) array
         Residuals with q components each, in `unit`.
     sd : (k, q) array

@@ -193,7 +193,7 @@ class ExplainedResidual:
     column : (n,) array
         The column's values in these rows.
     projection : (p,) array
-        Qᵀ c.
+        The projection Qᵀ c.
     """
 
     indices: NDArray[np.intp]

@@ -8,7 +8,7 @@ undamped, because calibrations are nearly linear.
 
 A trial has converged when the error that the next step would leave is negligible compared with the
 cost: with δ₀, δ the last two steps in standard deviations, δ²·max(δ²/δ₀², 10⁻⁵) < 10⁻¹⁵ cost + ε, ε
-the cost of rounding (only δ² if weights are iterated); it has also converged when the step is below
+the cost of rounding (only δ² if weights are iterated). It has also converged when the step is below
 10⁻¹² of every parameter or of its typical size. The bound 10⁻⁵ is needed because the residuals make
 later steps converge more slowly than the first ones. The last step is still taken. If it is below
 10⁻⁸ of a standard deviation, residuals and derivatives are not computed again. Otherwise it is

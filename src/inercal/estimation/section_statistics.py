@@ -13,12 +13,12 @@ process of correlation time τ, and a = 1 − exp(−h/τ), it is::
 
 and the variance of the section's mean is w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))) divided by the number
 of samples. ρ and τ are common to all sections, and each section has its own w. They maximise the
-likelihood. They are accepted only if twice the log-likelihood rises by more than the 99 % bound
-whichever section is left out, because one disturbed section is not a correlation. τ is at most T/2.
-If likelihood ratios exclude all τ below T/9 but do not exclude a random walk (τ = 4 T), no
-statistic within sections shows how far the noise drifts from one section to the next. The model
-assumes that the noise of different sections is independent, so it is then rejected with the p-value
-of the correlation.
+likelihood. They are accepted only if, whichever section is left out, twice the log-likelihood rises
+by more than the 99 % bound. A single disturbed section is thus not mistaken for a correlation. τ is
+at most T/2. If likelihood ratios exclude all τ below T/9 but do not exclude a random walk (τ = 4
+T), no statistic within sections shows how far the noise drifts from one section to the next. The
+model assumes that the noise of different sections is independent, so it is then rejected with the
+p-value of the correlation.
 
 * Change within a section: an F test compares the contrast of its halves, and the contrasts within
   each half, with the section's own scatter at the finer levels, given the correlation found in the
@@ -66,7 +66,7 @@ _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
 _OF_SLOPES = 3  # levels whose scatter is close to that of slopes
 _LEVEL = 0.01  # p-value of the tests within sections, below which a change counts
 _RAREST = 1e-290
-_ROUNDING = 16 * float(np.finfo(float).eps)  # of a reading
+_ROUNDING = 16 * float(np.finfo(float).eps)  # relative to a reading
 _COMMON = "drift common to all sections"
 _BEYOND = 0.05  # p-value of the common-trend test, below which the trend counts
 _LONG = "noise slower than the sections"

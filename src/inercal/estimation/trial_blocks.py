@@ -89,7 +89,7 @@ def _no_problem(part: slice, solved: Estimate) -> None:
 
 
 class _Stage:
-    """Solver of problems with the same structure, set by the first trial, block by block."""
+    """A block-by-block solver for problems that share the structure of the first trial."""
 
     def __init__(self, max_iterations: int):
         self._max_iterations = max_iterations

@@ -180,7 +180,7 @@ def prior_equations(problem: Problem, basis: Array | None) -> tuple[Array, Array
 
 
 def prior_targets(targets: Sequence[Array], trials: int) -> Array:
-    """Return the whitened means of all priors, (trials, b)."""
+    """Return the whitened prior means for all priors, (trials, b)."""
     whole = [np.broadcast_to(one, (trials, one.shape[-1])) for one in targets]
     return np.concatenate([np.zeros((trials, 0)), *whole], axis=-1)
 

@@ -2,7 +2,7 @@
 
 With y = M x + b + n(x, ΔT), in the sensor's own output units s y + o, the motion x is the limit of
 
-    x ← C (output − o − s n(x, ΔT)),   C = M⁻¹/s,   beginning with n = 0
+    x ← C (output − o − s n(x, ΔT)),   C = M⁻¹/s,   starting with n = 0
 
 The number of passes needed over the calibrated range is written as a constant, so that a device
 need not test convergence. n is generated from the declarations of the basis functions.

@@ -6,7 +6,7 @@
 | scale | along the input axis, once |
 | misalignment | across the input axis, once |
 | g | of a gyro: specific force, once |
-| bias_temperature | powers of only the temperature |
+| bias_temperature | powers of temperature only |
 | polynomial | other products of force, rate, their signs and temperature |
 | angular_acceleration | with a component of the angular acceleration |
 | temperature_rate | with the rate of the temperature |

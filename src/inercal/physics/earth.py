@@ -20,7 +20,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import Measured
 
 EARTH_RATE = 7.292115e-5
-"""Angular rate of the Earth against inertial space, rad/s (a defining constant of WGS 84)."""
+"""Angular rate of the Earth relative to inertial space, rad/s (a defining constant of WGS 84)."""
 
 _EQUATOR = 9.7803253359  # γe, m/s²
 _K = 0.00193185265241  # b γp / (a γe) − 1

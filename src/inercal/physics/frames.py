@@ -44,7 +44,7 @@ def exp_so3(rotvec: ArrayLike) -> Array:
     Parameters
     ----------
     rotvec : (..., 3) array
-        rad.
+        Rotation vector, rad.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def exp_so3(rotvec: ArrayLike) -> Array:
     theta = np.linalg.norm(np.asarray(rotvec, dtype=float), axis=-1)[..., None, None]
     divisor = np.where(theta == 0, 1.0, theta)
     first = np.where(theta == 0, 1.0, np.sin(theta) / divisor)
-    # (1 − cos θ)/θ² by the half angle, which does not cancel near 0.
+    # Compute (1 − cos θ)/θ² from the half angle, which avoids cancellation near 0.
     half = np.where(theta == 0, 0.5, np.sin(theta / 2) / divisor)
     return np.eye(3) + first * cross + 2 * half**2 * (cross @ cross)
 
@@ -75,7 +75,7 @@ def left_jacobian(rotvec: ArrayLike) -> Array:
     Parameters
     ----------
     rotvec : (..., 3) array
-        ρ, rad.
+        Rotation vector ρ, rad.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     up : (..., 3) array
         The upward vertical in the body's frame b, with any nonzero length.
     azimuth : (...) array or float
-        rad.
+        Azimuth, rad.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def decompose_triangular(mat: ArrayLike) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        A matrix that is singular, mirrored (determinant < 0) or not finite.
+        The matrix is singular, mirrored (determinant < 0) or not finite.
     """
     mat = _require_decomposable(mat)
     q, r = np.linalg.qr(np.swapaxes(mat, -1, -2))
@@ -212,7 +212,7 @@ def decompose_symmetric(mat: ArrayLike) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        A matrix that is singular, mirrored (determinant < 0) or not finite.
+        The matrix is singular, mirrored (determinant < 0) or not finite.
     """
     u, s, vh = np.linalg.svd(_require_decomposable(mat))
     shape = (u * s[..., None, :]) @ np.swapaxes(u, -1, -2)

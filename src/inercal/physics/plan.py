@@ -1,4 +1,4 @@
-"""A plan: the steps that a bench carries out, simulated or real.
+"""Plans: the steps that a simulated or real bench carries out.
 
 Each step's label is the name of the corresponding section in the recording.
 """
@@ -11,14 +11,14 @@ from typing import Literal, Protocol
 from inercal.basics.errors import InputError
 
 Vector = tuple[float, float, float]
-_MOST_AXES = 3  # of a turntable
+_MOST_AXES = 3  # axes of a turntable
 _NOTICED = 0.15  # component of a unit vector; `describe_direction` omits smaller ones
 AXES: dict[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True)
 class Hold:
-    """Keep the sensor still with its body direction `up` (unit vector) against gravity."""
+    """Keep the sensor still with its body direction `up` (unit vector) pointing upwards."""
 
     label: str
     up: Vector
@@ -183,7 +183,7 @@ class Rotation:
     ----------
     label : str
     axis : 0, 1 or 2
-        0 is the outermost.
+        The axis to turn; 0 is the outermost.
     angle : float
         Angle to turn by, rad, right-handed about the axis; it may be several turns.
     rate : float

@@ -208,12 +208,12 @@ def section_gravity(section: BenchSection) -> Measured:
     if not 9.5 < gravity.value < 10.0:
         raise key_error(
             "[bench] gravity",
-            f"{section.gravity!r} is not possible; give gravity on earth, 9.76 to 9.84 m/s²",
+            f"{section.gravity!r} is not possible; give gravity on Earth, 9.76 to 9.84 m/s²",
         )
     if gravity.sd > _GRAVITY_RANGE:
         raise key_error(
             "[bench] gravity",
-            f"the uncertainty in {section.gravity!r} is more than gravity varies on earth, "
+            f"the uncertainty in {section.gravity!r} exceeds the variation of gravity on Earth, "
             f"{_GRAVITY_RANGE} m/s²; give a smaller one, or latitude instead",
         )
     return gravity

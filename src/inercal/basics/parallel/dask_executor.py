@@ -226,8 +226,8 @@ class DaskExecutor(TolerantExecutor):
         texts = {one if isinstance(one, str) else "none" for one in answers}
         if other := sorted(texts - {own}):
             raise InputError(
-                f"--scheduler {address}: its workers have inercal {', '.join(other)}, this is "
-                f"{own}; install the same version on all",
+                f"--scheduler {address}: its workers run inercal {', '.join(other)}, but this "
+                f"program is version {own}; install the same version on all",
                 key="--scheduler",
             )
 
@@ -345,7 +345,7 @@ class DaskExecutor(TolerantExecutor):
 
     def _scheduler_lost(self) -> SchedulerLost:
         return SchedulerLost(
-            f"the scheduler at {self._address} has ended; existing results are kept: start it "
+            f"the scheduler at {self._address} has stopped; existing results are kept: start it "
             "again and run the same command"
         )
 

@@ -51,7 +51,7 @@ class Settled:
 
 
 class Executor(ABC):
-    """The interface of executors, which run tasks; a context manager closes the executor."""
+    """The interface of executors, which run tasks and are closed at the end of a `with` block."""
 
     def __init__(self):
         self._waiting: deque[Task] = deque()  # accepted but not started

@@ -67,12 +67,12 @@ class ProcessExecutor(Executor):
         return self
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Accept a task; return its index."""
+        """Accept a task and return its index."""
         self._open.add(self._count)
         return super().submit(function, *arguments)
 
     def completed(self) -> Iterator[tuple[int, Any]]:
-        """Yield index and result of each task as they come."""
+        """Yield index and result of each task as it finishes."""
         while self._open:
             if self._pool is None and self._is_long_work():
                 self._start(min(self._workers - 1, len(self._waiting)))

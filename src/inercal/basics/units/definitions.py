@@ -59,7 +59,7 @@ UNITS = {
     )
 }
 PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "c": 0.01, "k": 1e3, "M": 1e6}
-_SPELLINGS = {"": "", **dict(zip(PREFIXES, PREFIXES, strict=True)), "u": "µ"}  # to the prefix
+_SPELLINGS = {"": "", **dict(zip(PREFIXES, PREFIXES, strict=True)), "u": "µ"}  # spelling to prefix
 
 
 _CANONICAL = {name: unit for unit, definition in UNITS.items() for name in definition.names}

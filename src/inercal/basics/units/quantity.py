@@ -52,7 +52,7 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
     Parameters
     ----------
     text : str or float
-        A number, or a text without a unit, is allowed only where `like` is "1".
+        The quantity. A number, or a text without a unit, is allowed only if `like` is "1".
     like : str
         A unit of the expected dimension.
     last_digit : bool

@@ -177,7 +177,7 @@ def scatter_limits(variance: float, variance_of_it: float, dof: int) -> Componen
     variance, variance_of_it : float
         The estimate of σ², and its variance.
     dof : int
-        ν.
+        Degrees of freedom ν.
 
     Examples
     --------

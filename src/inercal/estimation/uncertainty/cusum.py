@@ -33,7 +33,7 @@ from inercal.basics.arrays import Array
 ALLOWANCE = 0.5
 """The allowance k, which detects a lasting change of 1 standard deviation soonest."""
 REFERENCE_FACTOR = 1.645
-_QUANTILES = (np.arange(9) + 0.5) / 9  # of s²
+_QUANTILES = (np.arange(9) + 0.5) / 9  # probabilities for quantiles of s²
 _LEAST, _MOST = 0.5, 60.0  # h
 _LARGEST = 1e9  # longest run length that rounding allows
 
@@ -67,7 +67,7 @@ def cusum_run_length(limit: float, shift: float = 0.0, scale: float = 1.0) -> fl
     Parameters
     ----------
     limit : float
-        h.
+        Limit h.
     shift, scale : float
         Mean and standard deviation of z; they are 0 and 1 in control.
 
@@ -102,7 +102,7 @@ def cusum_limit(run_length: float, dof: float = inf) -> float:
     Parameters
     ----------
     run_length : float
-        ARL₀.
+        In-control run length ARL₀.
     dof : float
         Degrees of freedom ν of the estimated standard deviation.
 

@@ -45,7 +45,7 @@ RIDGE = 1e-10
 """Smallest relative variance; dependent columns, as in a symmetric matrix, have no inverse."""
 ROWS_A_COLUMN = 5
 """Rows needed per column; with fewer, the covariance is meaningless."""
-_BEGIN_ROWS = 20_000  # of which the steps begin
+_BEGIN_ROWS = 20_000  # most rows used for the start of the steps
 NAMED_BY_CHANCE = 0.05
 """Expected number of rows flagged as outliers if there are none."""
 _LEVEL = 0.9 * NAMED_BY_CHANCE  # sequential testing adds about a tenth

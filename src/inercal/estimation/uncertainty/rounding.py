@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 
 _ORDERS = np.arange(1, 400)
-_GRID = 0.02  # of s
+_GRID = 0.02  # step in s
 _LARGEST = 0.8  # s at which the error of a mean is below 1e-6 of a step
 _LIKELY = 4.0  # 2Δ ln L at the bound
 _SECTIONS = 40  # most sections to which the noise is fitted
@@ -44,7 +44,7 @@ _GOLDEN, _ROUNDS = (5**0.5 - 1) / 2, 24  # steps in the search for μ, down to 1
 _SAME = 1e-7  # fraction of the span: closer values count as one value
 _SIMILAR = 1.5  # multiple of the smallest gap: gaps of one step in text with few digits
 _PARTS = (1, 2, 3, 4)  # the step may be this fraction of the usual gap
-_OFF, _OFF_BY_TEXT, _LARGEST_OFF = 0.02, 0.35, 0.2  # of the step, of the text's last digit
+_OFF, _OFF_BY_TEXT, _LARGEST_OFF = 0.02, 0.35, 0.2  # of the step, and of the last digit
 _MOST_DIGITS = 9  # number of decimals that are tried
 _CLOSE = 12  # number of adjacent levels for which steps are counted from one to the next
 

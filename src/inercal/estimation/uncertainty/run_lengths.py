@@ -32,7 +32,7 @@ _LEAST = 1e-12
 
 
 def in_control_run_length(limit: float, weight: float, size: int) -> float:
-    """Return ARL₀ of a chart.
+    """Return the in-control run length ARL₀ of a chart.
 
     Parameters
     ----------
@@ -84,9 +84,9 @@ def chart_limit(run_length: float, weight: float, size: int) -> float:
     Parameters
     ----------
     run_length : float
-        ARL₀, above 1.
+        In-control run length ARL₀, above 1.
     weight : float
-        λ.
+        Weight λ.
     size : int
         p.
 

@@ -27,7 +27,7 @@ _SCALE_BITS = 16
 OPTIONS = (
     TargetOption(
         "order",
-        "what the part does first, by its data sheet: scale or bias",
+        "what the part applies first, according to its data sheet: scale or bias",
         required=True,
         kind=str,
         choices=("scale", "bias"),
@@ -37,7 +37,8 @@ OPTIONS = (
         "gyro_bias_lsb", "size of a step of the bias registers, '0.02 deg/s'", like="rad/s"
     ),
     TargetOption(
-        "scale_lsb", "size of a step of the scale registers, 2^-15; absent: no such registers"
+        "scale_lsb",
+        "size of a step of the scale registers, such as 2^-15; omit it if there are none",
     ),
     TargetOption("bias_bits", "bits of a bias register", required=True, kind=int),
 )

@@ -150,7 +150,7 @@ def _render(request: Request) -> Rendering:
             "thermal = P(T - 35) - P(CALTEMP - 35), P(t) = 1e-6 (c1 t + c2 t^2 + c3 t^3), "
             "T in degC within TMIN ... TMAX"
         )
-    remarks = ["INS_GYR_CAL 0 keeps the gyro offsets: 1 would measure them anew at each boot"]
+    remarks = ["INS_GYR_CAL 0 keeps the gyro offsets: 1 would measure them again at each boot"]
     if options["acc_id"] is None and options["gyro_id"] is None:
         remarks.append(
             "no device ids were stated (acc_id, gyro_id); make sure that this is the right board"

@@ -96,7 +96,7 @@ def _render(request: Request) -> Rendering:
             *loops,
             "}",
             "",
-            "/* Returns 0 where a reading gives the motion that it must. */",
+            "/* Returns 0 if a reading gives the expected motion. */",
             f"static inline int {name}_self_test_fixed(void)",
             *check_lines(
                 "int32_t",

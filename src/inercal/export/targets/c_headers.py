@@ -16,7 +16,7 @@ from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
 from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
 
-_TOLERANCE = 1e-5  # of the self-test, of results above 1
+_TOLERANCE = 1e-5  # tolerance of the self-test, relative for results above 1
 # Written so that a NaN fails.
 _BEYOND_TOLERANCE = (
     "!(motion[i] - expected[i] <= tolerance[i] && expected[i] - motion[i] <= tolerance[i])"
@@ -111,7 +111,7 @@ def _render(language: _Language, request: Request) -> Rendering:
         *_body_lines(code, real, number),
         "}",
         "",
-        "/* Returns 0 where the check above is reproduced to 1e-5. */",
+        "/* Returns 0 if the check above is reproduced to 1e-5. */",
         *(line.format(**words) for line in language.self_test),
         *check_lines(real, constants, call, _BEYOND_TOLERANCE, len(code.offset)),
         *(line.format(**words) for line in language.end),

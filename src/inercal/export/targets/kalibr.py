@@ -234,7 +234,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     force, rate = _section(one, "accelerometers"), _section(one, "gyroscopes")
     if force is None or rate is None:
         raise InputError(
-            f"{name} is of model {one.get('model')!r}, which has no intrinsics; calibrate with "
+            f"{name} uses the model {one.get('model')!r}, which has no intrinsics; calibrate with "
             "Kalibr's model scale-misalignment"
         )
     matrix, gyro = _matrix(force, "M"), _matrix(rate, "M")

@@ -116,7 +116,8 @@ def _render(request: Request) -> Rendering:
         tuple(formula),
         "readings of the driver in m/s^2 and rad/s, axes of the sensor before the board's rotation",
         (
-            "PX4 turns the result by SENS_BOARD_ROT or CAL_*_ROT afterwards; it has no gyro scale",
+            "PX4 rotates the result by SENS_BOARD_ROT or CAL_*_ROT afterwards; it has no gyro "
+            "scale",
             "the ids must be those of this board's sensors, otherwise PX4 ignores the set",
         ),
     )

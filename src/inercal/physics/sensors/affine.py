@@ -28,7 +28,7 @@ _TERMS = ("k0", "k1", "delta_o", "delta_p")
 
 
 class AffineModel(NamedTuple):
-    """M (..., 3, 3) and p (..., 3) in g."""
+    """The model f = M a + p, with M (..., 3, 3) and p (..., 3) in g."""
 
     matrix: Array
     offset: Array
@@ -79,10 +79,10 @@ def require_affine_triad(sensor: Sensor) -> None:
     kinds = [axis.measures for axis in sensor.axes]
     if kinds != ["f"] * 3 or set(sensor.coefficients) != wanted or sensor.form != "reference":
         raise InputError(
-            "this estimator takes k0, k1, delta_o and delta_p of three accelerometers in the "
-            f"reference form; sensor {sensor.name} has {', '.join(sensor.coefficients) or 'none'} "
-            f"in the {sensor.form} form: correct [method] and [sensor] form, or use estimator "
-            "joint",
+            "this estimator needs exactly k0, k1, delta_o and delta_p for three accelerometers in "
+            f"the reference form; sensor {sensor.name} has "
+            f"{', '.join(sensor.coefficients) or 'none'} in the {sensor.form} form: correct "
+            "[method] and [sensor] form, or use estimator joint",
             names=sensor.coefficients,
         )
 

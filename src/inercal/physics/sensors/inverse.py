@@ -72,8 +72,8 @@ def inverse(
         if 0 < rank < 3 and given is None:
             raise InputError(
                 f"sensor {sensor.name} has {rank} independent input axis directions for "
-                f"{QUANTITIES[measures].name}: "
-                f"pass the components across them as {measures}, or zeros if there are none",
+                f"{QUANTITIES[measures].name}: pass the components perpendicular to them as "
+                f"{measures}, or zeros if there are none",
                 key=measures,
             )
     shape = (*y.shape[:-1], 3)

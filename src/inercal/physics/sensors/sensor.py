@@ -1,8 +1,8 @@
 """The sensor: named axes, the coefficients that describe their errors, and the exact model.
 
 `coefficient_tables` defines the terms and `axis_model` the response of an axis; a sensor combines
-its axes. All functions broadcast over leading axes of trials: motion `(..., n, 3)`, coefficients
-`(..., p)`.
+its axes. All functions broadcast over leading dimensions for trials: motion `(..., n, 3)`,
+coefficients `(..., p)`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ class Linearisation(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensor:
-    """Named axes and the chosen coefficients; `coefficients` fixes the order of every vector.
+    """Named axes and the selected coefficients; `coefficients` defines the order of all vectors.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ class Sensor:
         return slope
 
     def design(self, motion: Motion, c: Array) -> Array:
-        """Return d(reading)/d(coefficient) at `c`, (..., n, m, p); exact."""
+        """Return the exact derivatives d(reading)/d(coefficient) at `c`, (..., n, m, p)."""
         return self.linearise(motion, c).design
 
     def slope(self, motion: Motion, c: Array) -> Array:
@@ -246,7 +246,7 @@ class Sensor:
         return Linearisation(reading, design, self._slope(responses, reading.shape))
 
     def _linearise_affine(self, motion: Motion, c: Array) -> Linearisation:
-        """Return the same with two matrix products: y = (A₀ + Σ c B) (f, ω, 1)."""
+        """Linearise an affine sensor with two matrix products: y = (A₀ + Σ c B) (f, ω, 1)."""
         nominal, change = self._affine_maps
         shape = np.broadcast_shapes(motion.f.shape, motion.w.shape)
         sensed = np.ones((*shape[:-1], 7))

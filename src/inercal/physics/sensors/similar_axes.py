@@ -20,7 +20,7 @@ _VECTORS = ("f", "w", "a")
 
 @dataclass(frozen=True, eq=False)
 class SimilarAxes:
-    """k axes of one kind with the same terms.
+    """A group of k axes of one kind with the same terms.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class SimilarAxes:
         Parameters
         ----------
         motion : Motion
-            (..., n, 3).
+            Motion with vectors (..., n, 3).
         c : (..., p) array
             Coefficients of the sensor, SI.
         form : "reference" or "tilted"

@@ -41,7 +41,7 @@ def solve(matrix: Array, right: Array) -> Array:
 
 
 def invert(matrix: Array) -> Array:
-    """Return the inverse, (..., 3, 3); not finite where the matrix is singular."""
+    """Return the inverse, (..., 3, 3), which is not finite where the matrix is singular."""
     cofactors, size = _cofactors(matrix)
     with np.errstate(divide="ignore", invalid="ignore"):
         cofactors /= size
