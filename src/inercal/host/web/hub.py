@@ -193,7 +193,7 @@ class Hub:
         number, mounting = asked.get("number"), asked.get("mounting")
         if not isinstance(number, int) or isinstance(number, bool):
             raise InputError(
-                f"number {str(number)[:40]!r} is not that of the request for a mounting; send the "
+                f"number {str(number)[:40]!r} does not match the request for a mounting; send the "
                 "number and the mounting of the request",
                 key="number",
             )
