@@ -95,7 +95,7 @@ class Hub:
 
     @property
     def is_run_active(self) -> bool:
-        """Whether a run is active; it is not after its end message, even if its process runs."""
+        """Whether a run is active; its end message ends it, even if the process still runs."""
         return self.run_process is not None and not self._end_published
 
     def add_viewer(
