@@ -230,7 +230,7 @@ class _AddressParameters:
         return values if len(values) == axes else values * axes
 
     def tcp_address(self, port: int | None) -> str:
-        """Return the address of the link, and refuse parameters that nobody has taken."""
+        """Return the address of the link, and refuse any parameters that are left over."""
         if self.values:
             raise InputError(
                 f"unknown parameter {next(iter(self.values))!r} in {self.address!r}; "

@@ -7,7 +7,7 @@ class Closeable:
     """A context manager that calls `close` at the end of its context."""
 
     def close(self) -> None:
-        """Close what is open."""
+        """Close the resource."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

@@ -97,7 +97,7 @@ class RunRecorder(Closeable):
         Temperature of the IMU, K; NaN if it reports none.
     events : int
         Number of events so far.
-    said : deque of (str, str)
+    recent_messages : deque of (str, str)
         Level and text of the latest events.
     blocks : deque of SampleBlock
         The latest samples; the consumer removes them.

@@ -102,8 +102,8 @@ class Sequencer(TaskSequencer[TurnTask]):
     def _has_moved(self, task: TurnTask, seen: TableState) -> bool:
         """Return whether an axis has left its position; raise at the second such reading in a row.
 
-        A panel or a hand can turn an axis without a fault at the controller. A single reading may
-        have a corrupted digit.
+        A panel or a hand can turn an axis without the controller reporting a fault. A single
+        reading may have a corrupted digit.
         """
         doubted, self._motion_suspected = self._motion_suspected, False
         for i, (axis, angle) in enumerate(zip(seen.axes, task.start, strict=True)):

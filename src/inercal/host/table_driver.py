@@ -338,7 +338,7 @@ class TableDriver:
                 )
 
     def check_commanded(self, state: TableState, *, hands_on: bool = False) -> str | None:
-        """Describe motion that this program has not commanded as a text; None if there is none.
+        """Return a text about motion that this program has not commanded; None without any.
 
         `hands_on` says that an operator is working at the table.
         """

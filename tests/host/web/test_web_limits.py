@@ -141,7 +141,7 @@ def test_messages_that_are_bytes_or_too_long_or_too_many_end_the_connection(
             for _ in range(60):
                 page.connection.send('{"do": "leave"}')
         assert page.closed() == 1008
-    served.was_refused("more than 20 messages a second")
+    served.was_refused("more than 20 messages per second")
 
 
 def test_frames_that_are_none_end_the_connection(served: Served, watched: Page):
@@ -183,7 +183,7 @@ def test_histories_that_hang_keep_nobody_else_waiting_and_few_of_them_wait(
         try:
             asked = [pool.submit(served.ask, "/history/1") for _ in range(9)]
             assert drawn.wait(PATIENCE)
-            served.was_refused("history: 4 wait to be drawn")
+            served.was_refused("history: 4 already wait")
             assert served.ask("/api/setup").status == 200
             served.wait(lambda: sum(one.done() for one in asked) == 4)
         finally:

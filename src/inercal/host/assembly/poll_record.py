@@ -90,7 +90,7 @@ class PollHistory(NamedTuple):
 
 
 class PollRecord(ABC):
-    """The polls that a table has answered.
+    """The states of a table that were read in polls.
 
     Parameters
     ----------

@@ -86,7 +86,7 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
 
 
 class RatePolls(PollRecord):
-    """The polls that a rate table has answered; its `history` contains rates, rad/s.
+    """The polls of a rate table; `history` contains its rates, rad/s.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Rejects table readings that imply impossible motion, which a corrupted digit looks like.
+"""Rejects table readings that imply impossible motion; a corrupted digit looks like this.
 
 The digits of a controller's reply have no checksum. Therefore each reading is compared, axis by
 axis, with the last accepted reading, which is older by Δt. Here θ is the readback, ω is the rate

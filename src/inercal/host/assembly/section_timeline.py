@@ -119,7 +119,7 @@ class SectionTimeline:
             self.attempt += 1
 
     def hold_indices(self, time: Array) -> Indices:
-        """Return for times (n,) the index of the section in which the table holds; −1 for none."""
+        """Return the index of the section with a hold at each time (n,); −1 for none."""
         found = self._within(time)
         held = np.array([one.is_hold for one in self.spans], np.bool_)
         begun, ended = self._ends()

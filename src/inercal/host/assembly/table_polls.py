@@ -43,7 +43,7 @@ _INTERPOLATION_FACTOR = 1.4
 
 
 class TablePolls(PollRecord):
-    """The polls that a turntable has answered.
+    """The polls of a turntable, and the interpolation of its angles.
 
     Parameters
     ----------

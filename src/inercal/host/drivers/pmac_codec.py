@@ -66,8 +66,8 @@ NEGATIVE_END, POSITIVE_END = "negative end limit", "positive end limit"
 _FAULTS = (
     (1, 22, NEGATIVE_END),
     (1, 21, POSITIVE_END),
-    (2, 12, "stopped on the desired position's limit"),
-    (2, 11, "stopped on a position limit"),
+    (2, 12, "stopped at a limit of the desired position"),
+    (2, 11, "stopped at a position limit"),
     (2, 8, "phasing reference error"),
     (2, 6, "integrated fatal following error"),
     (2, 5, "amplifier overload (I²t)"),

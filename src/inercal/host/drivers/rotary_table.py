@@ -87,9 +87,9 @@ class AxisState:
     enabled, homed : bool
         Whether the servo holds the axis, and whether its zero has been found.
     faults : tuple of str
-        Why the axis does not turn, as texts; empty without a fault.
+        Faults that keep the axis from turning, as texts; empty if there are none.
     at_low, at_high : bool
-        Whether the limit switch at the smaller or the larger angles is closed.
+        Whether the limit switch at the low or the high end is closed.
     """
 
     angle: float
@@ -133,7 +133,7 @@ class TableState:
     axes : tuple of AxisState
     span : float
         Time between the first and the last number of the reading in the controller, s; 0 if all
-        belong to one servo cycle. `time` is in the middle.
+        belong to one servo cycle. `time` is the middle of this span.
     """
 
     time: float

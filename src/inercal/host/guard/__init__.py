@@ -59,7 +59,7 @@ class Guard(Closeable):
     ----------
     signal_received : bool
         Whether a signal was received within `catch_signals`.
-    killed : bool
+    axis_killed : bool
         Whether the guard has reported that it killed an axis that did not slow down.
 
     Raises

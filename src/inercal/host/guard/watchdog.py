@@ -83,7 +83,7 @@ class Watchdog:
     patience : float
         Time without a reply from the table after which a guard without a host gives up, s.
     listen : sequence of int
-        Descriptors to read: the pipe, and the one to which signals to the guard itself write.
+        Descriptors to read: the host's pipe, and the pipe for signals to the guard itself.
     say : callable
         Takes a line to report.
     """

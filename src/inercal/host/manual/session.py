@@ -322,7 +322,7 @@ class ManualSession:
         if self._jog is not None and not self.dead_man.is_live(self._jog[1]):
             # A release in the queue names its operator when it is processed.
             if self._requests.empty():
-                self._stop_jog(f"no message of a held key for {HOLD_TIMEOUT:g} s", "warning")
+                self._stop_jog(f"no message about the held key for {HOLD_TIMEOUT:g} s", "warning")
             else:
                 self._stop_axis(self._jog[0])
                 self.dead_man.set_moving(False)

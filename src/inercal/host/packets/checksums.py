@@ -61,7 +61,7 @@ class Crc:
     Parameters
     ----------
     words : str
-        Name for people.
+        Name in messages.
     bits : int
         Width in bits.
     polynomial, init, final : int

@@ -64,7 +64,7 @@ def read_layout(source: str | Path) -> PacketLayout:
     Raises
     ------
     InputError
-        A one-line message that names the file and the key, what is wrong and what is possible.
+        The description is invalid; a one-line message names the file, the key and the fix.
     """
     if isinstance(source, str) and source in PRESETS:
         return parse_layout((_PRESETS / f"{source}.toml").read_text(encoding="utf-8"), source)

@@ -54,7 +54,7 @@ def flag_array(where: NDArray[np.bool_], flag: Flag) -> NDArray[np.uint8]:
 
 @dataclass
 class CounterUnwrapper:
-    """Unwraps a raw counter or clock along one stream.
+    """Unwraps the raw counter or clock of one stream.
 
     Parameters
     ----------

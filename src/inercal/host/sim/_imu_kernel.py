@@ -69,7 +69,7 @@ def noise_free_readings(
     """Write noise-free readings to `out` (n, m) from f, ω and ω's derivative, `motion` (n, 9).
 
     `temperature_offset` is the temperature minus the reference, K. `frames` (m, 3, 3) contains the
-    axes' I, P and O, and `along` (m,) is what each axis reads without errors. A term consists of a
+    axes' I, P and O, and `along` (m,) is the error-free reading of each axis. A term consists of a
     factor, its axis and the components in its product, `products` (terms, MAX_FACTORS), which is
     filled up with −1.
     """

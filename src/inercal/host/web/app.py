@@ -153,7 +153,7 @@ class Page:
         try:
             requested = parse_object(await request.body())
         except ValueError:
-            self._refusals(who, "probe: no JSON object")
+            self._refusals(who, "probe: the request is not a JSON object")
             return JSONResponse({"words": "the request is not a JSON object; send one"}, 400)
         if self._hub.probe_lock.locked():
             words = "the devices are still being probed; try again when the probe has ended"
@@ -172,7 +172,7 @@ class Page:
         try:
             requested = parse_object(await request.body())
         except ValueError:
-            self._refusals(client_host(request.scope), "filter: no JSON object")
+            self._refusals(client_host(request.scope), "filter: the request is not a JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
         if self._pending_filters > _MAX_WAITING:
             words = "too many filters are being checked; wait a moment"

@@ -95,7 +95,7 @@ class Hub:
 
     @property
     def is_run_active(self) -> bool:
-        """Whether a run is active; it is not after its end message, even if its process runs."""
+        """Whether a run is active; its end message ends it, even if the process still runs."""
         return self.run_process is not None and not self._end_published
 
     def add_viewer(
@@ -193,7 +193,7 @@ class Hub:
         number, mounting = asked.get("number"), asked.get("mounting")
         if not isinstance(number, int) or isinstance(number, bool):
             raise InputError(
-                f"number {str(number)[:40]!r} is not that of the request for a mounting; send the "
+                f"number {str(number)[:40]!r} does not match the request for a mounting; send the "
                 "number and the mounting of the request",
                 key="number",
             )
