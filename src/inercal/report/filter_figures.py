@@ -194,7 +194,7 @@ def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
 
 
 def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
-    """Insert NaN into a line where the filter paused, so that the line is interrupted."""
+    """Insert NaN into a line at each pause of the filter, so that the line is interrupted."""
     steps = np.diff(time)
     if not steps.size:
         return time, values
