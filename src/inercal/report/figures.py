@@ -232,7 +232,10 @@ def rows_beyond_band(values: Array) -> list[int]:
 
 
 def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:
-    """Draw values (rows, parts) by row, with a colour and a shape for each part."""
+    """Draw values (rows, parts) by row, with a colour and a shape for each part.
+
+    The ±2 band is optional.
+    """
     if band:
         _draw_band(axes, values)
     else:
