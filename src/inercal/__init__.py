@@ -3,7 +3,8 @@
 - `calibrate`: compute an `Outcome` from a run file, or from data in memory;
 - `calibrate_batch`: estimate the coefficients of many sensors of one type from their means;
 - `write_report`, `plot_residuals`, `plot_coverage`: show the outcome;
-- `save`, `load`: write and read its `Calibration`, which also has `correct` and `to_dataframe`;
+- `save`, `load`: write and read its `Calibration`, which also has `correct`,
+  `to_dataframe` and `to_latex`;
 - `apply`: correct a recording with a calibration;
 - `export_calibration`, `import_calibration`: write and read files for other programs;
 - `analyse_noise`: find white noise, bias instability and random walk in a recording at rest;

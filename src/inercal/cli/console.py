@@ -41,7 +41,7 @@ def progress_status(what: str) -> Generator[Callable[[str], None]]:
 
 @contextmanager
 def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
-    """Write a page with rests and thresholds if a recording is refused, and name it in the error.
+    """Write a page with rests and thresholds if a recording is refused; the error names the page.
 
     Parameters
     ----------

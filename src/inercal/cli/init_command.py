@@ -40,7 +40,7 @@ def run(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Draft a run file from a recording: columns, units, rate, sections and method.
+    """Draft a run file from a recording: columns, units, rate, sections and possible methods.
 
     Each line of the draft states its reason. In a terminal, you are asked for values that cannot be
     found from the data.

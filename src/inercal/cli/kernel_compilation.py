@@ -163,7 +163,7 @@ def _calibrate_by_hand(folder: Path) -> None:
 
 
 def _fit_batches(folder: Path) -> None:
-    """Run batches of centrifuge fits by norm and of fits by vector."""
+    """Run batches of fits by norm and by vector, with Jacobians computed for all trials."""
     path = folder / "arm.toml"
     by_vectors = _ARM.replace("[data]", 'indexing = "5 ″"\n[data]').replace(_RATES, '["120 rpm"]')
     for text in (_ARM, by_vectors):

@@ -86,7 +86,7 @@ def run(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Find the noise, bias instability and random walk of a sensor at rest."""
+    """Find the noise, bias instability, random walk and disturbances of a sensor at rest."""
     from inercal.cli.noise_view import print_analysis, print_comparison_with_sheet, sheet_object
 
     _check_choices(method, spacing, to, horizon)

@@ -42,7 +42,7 @@ def list_(
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """List the sensors with their number of calibrations, last date and person."""
+    """List the sensors with the number of calibrations, the last date, and who entered them."""
     from inercal.cli import store_view
 
     with open_register(register, create=False) as opened:
@@ -270,7 +270,10 @@ def import_(
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """Enter calibrations and runs in the register; existing entries are kept."""
+    """Enter calibrations and runs in the register; existing entries are kept.
+
+    A calibration without a date can be dated with --measured.
+    """
     if measured is not None and (len(paths) > 1 or paths[0].is_dir()):
         raise InputError(
             "--measured is the date for a single calibration: give exactly one calibration file",

@@ -229,7 +229,10 @@ def calibration_object(
 
 
 def history_object(history: SensorHistory) -> dict[str, Any]:
-    """Return a history for JSON; slopes are per year of 365.25 days."""
+    """Return a history for JSON; slopes are per year of 365.25 days.
+
+    The `time` of a line belongs to its `value`.
+    """
     steps = zip(history.entries, history.joint_test, strict=True)
     return {
         "sensor": entry_object(history.sensor),

@@ -63,6 +63,8 @@ class BatchDone:
 def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
     """Calibrate a batch of sensors and write their rows as one part.
 
+    Each sensor is a step of the task.
+
     Parameters
     ----------
     line : Line

@@ -42,6 +42,8 @@ class PrintedTable:
 def write_fleet_report(found: FleetStatistics, path: Path, line: str) -> Path:
     """Write the page with a fleet's statistics, and return its path.
 
+    The file is written completely or not at all.
+
     Parameters
     ----------
     found : FleetStatistics

@@ -96,7 +96,9 @@ class ResultWriter:
     generation: int
 
     def write(self, rows: Sequence[Mapping[str, Any]]) -> Path:
-        """Write rows as one part; the file name depends only on the rows.
+        """Write rows as one part, completely or not at all.
+
+        The file name depends only on the rows.
 
         Raises
         ------

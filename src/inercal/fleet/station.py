@@ -190,7 +190,7 @@ def _result_within(
 
 
 def find_row(line: Line, path: Path) -> SensorRow | None:
-    """Return the row for a recording that arrived, with its path, or None if there is no row."""
+    """Return the row for an arrived recording, with its path, or None if there is no row."""
     place = path.resolve()
     for row in line.rows:
         if (line.folder / row.recording).resolve() == place:

@@ -42,6 +42,8 @@ def write_report(
 ) -> Path:
     """Write the report of a calibration and return its path.
 
+    The file is written completely or not at all.
+
     Parameters
     ----------
     outcome : Outcome
@@ -105,6 +107,8 @@ def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
 def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: str | Path) -> Path:
     """Write the page about a recording that could not be calibrated, and return its path.
 
+    The file is written completely or not at all.
+
     Parameters
     ----------
     seen : InspectedRecording
@@ -130,6 +134,8 @@ def write_history(
     noise: Sequence["NoiseEntry"] = (),
 ) -> Path:
     """Write the page with a sensor's history and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -184,6 +190,8 @@ def write_control(
 ) -> Path:
     """Write the page with a check standard's control charts, and return its path.
 
+    The file is written completely or not at all.
+
     Parameters
     ----------
     charts : ControlCharts
@@ -206,6 +214,8 @@ def write_bench_control(
 ) -> Path:
     """Write the page with a bench's control charts, and return its path.
 
+    The file is written completely or not at all.
+
     Parameters
     ----------
     charts : BenchCharts
@@ -225,6 +235,8 @@ def write_bench_control(
 
 def write_draft(draft: Draft, path: str | Path) -> Path:
     """Write the page about a drafted run file, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -249,6 +261,8 @@ def write_noise(
 ) -> Path:
     """Write the page with a noise analysis, and return its path.
 
+    The file is written completely or not at all.
+
     Parameters
     ----------
     analysis : NoiseAnalysis
@@ -271,6 +285,8 @@ def write_noise(
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
     """Write the page with an error budget, and return its path.
 
+    The file is written completely or not at all.
+
     Parameters
     ----------
     budget : Budget
@@ -290,6 +306,8 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
 
 def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
     """Write the page with a worksheet, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -334,7 +352,7 @@ def _extras() -> AbstractContextManager[None]:
 
 
 def require_report_packages() -> None:
-    """Raise an error early if the packages for reports are missing.
+    """Raise an error if the packages for reports are missing, so that no work is lost.
 
     Raises
     ------

@@ -191,7 +191,7 @@ def _filter_figures(
 
 
 def has_norm_residuals(outcome: Outcome) -> bool:
-    """Return whether each row has one residual, that of the norm of the readings."""
+    """Return whether each row has only one residual, from the norm of its readings."""
     rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
     named = all(name.startswith("|f|") for name in outcome.estimate.observations)
     return axes > 1 and (named or outcome.estimate.whitened.size == rows)

@@ -232,7 +232,10 @@ def rows_beyond_band(values: Array) -> list[int]:
 
 
 def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:
-    """Draw values (rows, parts) by row, with a colour and a shape for each part."""
+    """Draw values (rows, parts) by row, with a colour and a shape for each part.
+
+    The ±2 band is optional.
+    """
     if band:
         _draw_band(axes, values)
     else:
@@ -336,7 +339,7 @@ def coverage_axes(outcome: Outcome, axes: Axes | None) -> Axes:
     """Draw the measured directions in the case by longitude and latitude, in degrees."""
     found = outcome.kind.directions(outcome)
     if not found:
-        raise InputError("the method states no attitudes, so there is no coverage to draw")
+        raise InputError("the method does not state attitudes, so there is no coverage to draw")
     axes = _new_axes() if axes is None else axes
     turned = np.array([isinstance(one.step, Turn | Rotation) for one in found])
     x, y, z = np.array([one.unit_vector for one in found]).T

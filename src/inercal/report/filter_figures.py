@@ -47,7 +47,7 @@ class _CoefficientGroup(NamedTuple):
 
 @drawing.style
 def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> Markup:
-    """Return the figure of the estimates' errors over time, with ±2σ."""
+    """Return the figure of estimates minus the truth or the final result over time, with ±2σ."""
     sensor, courses = outcome.calibration.sensor, outcome.estimate.courses
     kinds = [kind for course in courses for kind in _coefficient_groups(course, sensor)]
     figure, panels = drawing.panels(2.1, [0.45] * len(kinds))
@@ -194,7 +194,7 @@ def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
 
 
 def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
-    """Insert NaN into a line where the filter paused, so that the line is interrupted."""
+    """Insert NaN into a line at each pause of the filter, so that the line is interrupted."""
     steps = np.diff(time)
     if not steps.size:
         return time, values
@@ -247,7 +247,7 @@ def thin_indices(count: int, most: int = MAX_POINTS) -> NDArray[np.int64]:
 
 @drawing.style
 def search_figure(search: "SearchHistory") -> Markup:
-    """Return the figure of the best member after each generation of a search."""
+    """Return the figure of the best member after each generation, as in Fig. 6 of the source."""
     number = np.array([g.number for g in search.generations])
     cost = np.array([g.cost for g in search.generations])
     worst = 100 * np.array([g.worst for g in search.generations])

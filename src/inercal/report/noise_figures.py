@@ -158,7 +158,8 @@ def _draw_ratios(axes: Axes, time: Array, y: Array) -> None:
     size = y.size // _WINDOWS
     longest = int(np.log2(max(size // 8, 1)))
     factors = np.unique(2 ** np.linspace(0, longest, _RATIO_TAUS).astype(int))
-    # The interval of the analysis is not used here, because it is that of blocks if stamps jitter.
+    # The analysis interval is not used here, because with jittering stamps it is the block
+    # interval.
     dt = float(np.median(np.diff(time)))
     overall = deviations(y, dt, factors=factors.tolist())
     parts = [

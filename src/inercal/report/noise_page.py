@@ -99,7 +99,7 @@ def _slope_bias(channel: ChannelNoise) -> str:
 
 
 def _comparison(channel: ChannelNoise) -> list[tuple[str, ...]]:
-    """Return a table of N, B and K (value ± u) from the other estimators."""
+    """Return the rows for the other estimators: method, then N, B and K as value ± u."""
     rows: list[tuple[str, ...]] = []
     for method, found in channel.comparison.items():
         cells: list[str] = []

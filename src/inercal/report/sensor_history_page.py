@@ -156,7 +156,7 @@ def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
 
 
 def _coefficient_row(trend: CoefficientTrend) -> dict[str, str]:
-    """Return the table cells for one coefficient, as text."""
+    """Return the table cells for one coefficient: newest value, E_n, U, drift and verdict."""
     value, expanded = format_point(trend, -1)
     mean_expanded, next_use_expanded = format_bands(trend)
     slope, slope_expanded = format_slope(trend)

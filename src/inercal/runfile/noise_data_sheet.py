@@ -253,7 +253,7 @@ class _Reader:
             raise key_error(
                 f"{self._name} bias_instability",
                 f"{text} is below {shown(max(least), 'B', self._quantity)}, the minimum Allan "
-                "deviation that white and random_walk alone would give: check all three",
+                "deviation that white and random_walk would already give: check all three",
             )
         return SheetCoefficient("B", found, f"{text} ({kind}, after subtracting N and K)")
 

@@ -97,6 +97,8 @@ def results_as_list(study: Study) -> list[dict[str, Any]]:
 def write_study(study: Study, folder: str | Path) -> Path:
     """Write the study as one HTML page, NAME.study.html, and return its path.
 
+    The file is written completely or not at all.
+
     Raises
     ------
     InputError

@@ -43,7 +43,7 @@ OBSERVED_ARMS = ("x.arm_i", "x.arm_o", "y.arm_i", "z.arm_i", "z.arm_p")
 
 @dataclass(frozen=True, eq=False)
 class LeverArmErrors:
-    """Errors of S, b and D if lever arms are ignored, and if they are estimated.
+    """Errors of S, b and D, (3, 3), if lever arms are ignored, and if they are estimated.
 
     Parameters
     ----------

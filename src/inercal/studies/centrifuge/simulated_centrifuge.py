@@ -169,7 +169,7 @@ def closed_form_estimate(
 
 
 def regress_squared_norms(output: Array, target: Array) -> Array:
-    """Return the coefficients C of (16), (..., 13), for squared norms `target`, g²."""
+    """Return C of (16), (..., 13), for squared norms `target`, g²: C₀, then C₁ to C₄ by axis."""
     rows = closed_formulas.regression_matrix(output)
     size = np.linalg.norm(rows, axis=-2, keepdims=True)
     q, r = np.linalg.qr(rows / size)

@@ -149,7 +149,7 @@ _CASES = (*((name, head) for name in SHOWN_METHODS for head in HEAD_ERRORS), ("p
 
 @dataclass(frozen=True, eq=False)
 class HeadComparison:
-    """RMS of K0 by method and head error, µg, and the ratio for the patent's method."""
+    """RMS of K0 by method and head error, µg, and the patent's ratio for 10″ and no error."""
 
     k0: dict[str, list[Rms]]
     perfect_head_ratio: Rms

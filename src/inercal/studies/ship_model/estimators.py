@@ -104,7 +104,7 @@ def undamped_model(case: ShipModelCase, start: AffineModel) -> AffineModel:
 
 
 def section(found: EstimatorComparison, searched: MedianEstimate, devices: int) -> StudySection:
-    """Build the section with the table; `searched` is the optimiser's result, mg."""
+    """Build the section with the table; `searched` is the optimiser's result, mg, for `devices`."""
     apart = found.vector_errors(UNDAMPED)
     lost = float(np.mean(apart > 10 * found.vector_errors("planar")))
     table: list[tuple[str, list[str]]] = []

@@ -78,11 +78,14 @@ IRREGULAR_WAVES = WaveConditions(
     SENSOR_POSITION,
     False,
 )
-"""Conditions for a 4 m model in a sea with a significant wave height of 0.1 m."""
+"""Conditions for a 4 m model in 4 m waves, 0.1 m high, and in a sea of that significant height."""
 
 
 def motion_derivatives(swing: OscillationParameters, t: Array, seed: int | None = None) -> Array:
-    """Return a motion and its first two derivatives at t (n,), as (3, n)."""
+    """Return a motion and its first two derivatives at t (n,), as (3, n).
+
+    The motion is irregular if a seed is given.
+    """
     peak = 2 * pi / swing.period
     if seed is None:
         w, amplitude, phase = np.array([peak]), np.array([swing.amplitude]), swing.phase

@@ -51,7 +51,7 @@ class ErrorTrace(NamedTuple):
 
 
 class FilterErrors(NamedTuple):
-    """The result of one filter on one device: errors, stated covariance and error trace."""
+    """The result of one filter on one device: errors (12,), their covariance, and the trace."""
 
     error: Array
     covariance: Array
