@@ -151,7 +151,14 @@ class Turntable:
             *declared_parameters(self, "lean"),
             Parameter.from_measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
             *(
-                Parameter(f"square_{i}", "rad", self.square, "run", 0.0, f"{one} against {other}")
+                Parameter(
+                    f"square_{i}",
+                    "rad",
+                    self.square,
+                    "run",
+                    0.0,
+                    f"right angle between {one} and {other}",
+                )
                 for i, (one, other) in enumerate(
                     zip(self.names, self.names[1:], strict=False), start=1
                 )
