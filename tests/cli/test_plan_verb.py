@@ -66,7 +66,7 @@ def test_positions_in_order_and_what_they_will_give(pair: Path, program: Program
     assert re.search(
         r"b\.delta_o − a\.delta_o │ angle between the accelerometers │ +0\.028", printed
     )
-    assert "do not touch the pier" in printed
+    assert "Do not touch the pier" in printed
     assert {p.name for p in pair.parent.iterdir()} == {"run.toml"}
 
 

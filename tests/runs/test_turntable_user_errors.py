@@ -324,7 +324,7 @@ def test_a_recording_that_was_cut_lacks_steps_of_its_path(
         calibrate(
             write_changed_example(tmp_path, example_recording, *changes, change=truncate_recording)
         ),
-        "lacks steps",
+        "steps of the path are missing",
     )
     assert re.search(r"(x\+, )?x-, y\+, y-, z\+, z-(, rest| and 1 more)", said)
 

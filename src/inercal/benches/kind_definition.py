@@ -230,7 +230,7 @@ class Kind(Generic[B, D]):
     sampled : bool
         Whether methods use every sample instead of the means of steps.
     spins : bool
-        Whether the bench carries the sensor round, so that it senses more than gravity.
+        Whether the bench rotates the sensor on an arm, so that it senses more than gravity.
     sensor : callable
         Returns the sensor on the bench, given its name, [data] accelerometer, readout and noise.
     plan : callable

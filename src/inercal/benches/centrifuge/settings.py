@@ -27,7 +27,7 @@ class CentrifugeSection(BenchSection):
     platform: Literal["locked", "counter-rotating"] = "locked"
     sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
     indexing: str | None = Field(
-        None, description="of each attitude, where attitudes are known", examples=["0.02 °"]
+        None, description="angles of each attitude, if attitudes are known", examples=["0.02 °"]
     )
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
@@ -50,9 +50,11 @@ class CentrifugeData(DataSection):
     """Section [data] for a precision centrifuge, in which each row is a dwell of the arm."""
 
     arm_rate: str | int = Field(description="column of the arm's rate", examples=["rate"])
-    arm_rate_unit: str = Field("rpm", description="its unit, or the size of one: '0.5 rev/s'")
+    arm_rate_unit: str = Field(
+        "rpm", description="unit of the rate, or its size such as '0.5 rev/s'"
+    )
     attitude: tuple[str | int, str | int] | None = Field(
-        None, description="of means: columns of ψ and θ", examples=[["psi", "theta"]]
+        None, description="for means: columns of ψ and θ", examples=[["psi", "theta"]]
     )
     attitude_unit: str = "°"
 

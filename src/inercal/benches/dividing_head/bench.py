@@ -152,7 +152,9 @@ class DividingHead:
     autocollimator: float = small_angle("0.1 ″", {})
     collimated: CollimationMode = "pairs"
     polygon: tuple[float, ...] = ()
-    certificate: float = small_angle("0.1 ″", {"polygon": "face, as certified"}, scope="position")
+    certificate: float = small_angle(
+        "0.1 ″", {"polygon": "certified deviation of a face"}, scope="position"
+    )
     base: float = small_angle("10 ″", "zero of the head")
     pier: float = small_angle("0.1 ″", "tilt of the base", scope="position")
     creep: float = small_angle("0 ″", "tilt of the base over a pass", scope="pass", example="0.2 ″")
@@ -194,9 +196,14 @@ class DividingHead:
             replace(local_gravity(g), sd=hypot(g.sd, shortened)),
             *waves,
             *declared_parameters(self, "base", "lean", "division"),
-            Parameter("trim", "rad", pair, "position", 0.0, "angle of a pair, trimmed"),
+            Parameter("trim", "rad", pair, "position", 0.0, "trimmed angle of a pair"),
             Parameter(
-                "face", "rad", self.autocollimator, "position", 0.0, "autocollimator on a face"
+                "face",
+                "rad",
+                self.autocollimator,
+                "position",
+                0.0,
+                "autocollimator reading on a face",
             ),
             *declared_parameters(self, "certificate", "pier", "creep", "drift"),
         )

@@ -30,7 +30,7 @@ class DividingHeadSection(BenchSection):
     harmonics: tuple[str, ...] = ("1 ″", "1 ″")
     autocollimation: Literal["pairs", "every", "none"] = "none"
     polygon: str | None = Field(
-        None, description="certificate: one row per face", examples=["polygon.csv"]
+        None, description="file of the certificate, with one row per face", examples=["polygon.csv"]
     )
     polygon_unit: str = Field("″", examples=["µrad"])
 
@@ -55,7 +55,7 @@ class DividingHeadData(RestsSection):
     angle: str | int = Field(description="column of the head's angle", examples=["angle"])
     angle_unit: str = "°"
     autocollimator: str | int | None = Field(
-        None, description="column of its reading beyond that of the angle"
+        None, description="column of the autocollimator's reading beyond the angle"
     )
     autocollimator_unit: str = "″"
     level: str | int | None = Field(None, description="column of a level on the head's base")

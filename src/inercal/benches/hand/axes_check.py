@@ -81,7 +81,7 @@ def _advice(changes: Sequence[str]) -> str:
 
 
 def positions_note(found: TurnVerdict) -> str:
-    """Return the note that says how well the axes of positions found by readings are verified."""
+    """Return a note on how far the turns confirm the order and the signs of the axes."""
     if not (found.agree and found.unique):
         return _UNKNOWN
     return (

@@ -80,7 +80,7 @@ class Hand:
     tilt: float = deviation(
         "°",
         "0.5 °",
-        {f"tilt{k}": "face against the vertical" for k in (1, 2)},
+        {f"tilt{k}": "tilt of a face from the vertical" for k in (1, 2)},
         scope="position",
         default=0.5 * DEGREE,
         limit=_SKEW,
@@ -88,7 +88,7 @@ class Hand:
     placement: float = deviation(
         "°",
         "0 °",
-        dict.fromkeys(_PLACEMENT, "setting down on a face"),
+        dict.fromkeys(_PLACEMENT, "tilt when set down on a face"),
         scope="position",
         example="0.01 °",
         limit=_SKEW,

@@ -73,12 +73,12 @@ class StatedError(NamedTuple):
 
 STATED: Mapping[str, StatedError] = {
     "rate_scale": StatedError("1", "run", "500 ppm", "rates of the table and clocks, relative"),
-    "rate_asymmetry": StatedError("1", "run", "100 ppm", "rates of both senses, relative"),
+    "rate_asymmetry": StatedError("1", "run", "100 ppm", "asymmetry of the rate, relative"),
     "rate_stability": StatedError("1", "position", "100 ppm", "rate of a dwell, relative"),
     "angle_reading": StatedError("°", "position", "5 ″", "angle read back in a dwell"),
     "turn_angle": StatedError("°", "position", "0.01 °", "angle of a turn"),
     "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", ("1", "2")),
-    "arm": StatedError("m", "mounting", "5 mm", "sensor from the axis", ("1", "2")),
+    "arm": StatedError("m", "mounting", "5 mm", "distance of the sensor from the axis", ("1", "2")),
     "turn_on": StatedError(
         "°/s", "mounting", "60 °/h", "gyros' bias in a setting", ("x", "y", "z")
     ),
@@ -169,7 +169,7 @@ class RatePlatform:
             return []
         _, level = earth_rate_up_north(self.latitude.value)
         sd = level / sqrt(2) if level > _EXACT else 0.0
-        text = "level part of the earth's rate"
+        text = "horizontal earth rate"
         scopes: dict[str, Scope] = {"earth": "mounting", "pose_earth": "position"}
         return [
             Parameter(f"{name}_{k}", "rad/s", sd, scope, 0.0, f"{text}, component {k}")

@@ -44,37 +44,37 @@ class RatePlatformData(DataSection):
     """
 
     accelerometer: tuple[str | int, ...] = Field(
-        (), description="columns; none for gyros alone", examples=[["ax", "ay", "az"]]
+        (), description="columns; none if there are only gyros", examples=[["ax", "ay", "az"]]
     )
     axis: str | int | None = Field(
-        None, description="of means: column of the case axis that is up", examples=["axis"]
+        None, description="for means: column of the case axis that is up", examples=["axis"]
     )
     table_rate: str | int | None = Field(
-        None, description="of means: column of the table's rate", examples=["rate"]
+        None, description="for means: column of the table's rate", examples=["rate"]
     )
     table_rate_unit: str = Field("°/s", examples=["rad/s"])
     turn: str | int | None = Field(
-        None, description="of means: column of the angle of a turn", examples=["turn"]
+        None, description="for means: column of the angle of a turn", examples=["turn"]
     )
     setting: str | int | None = Field(
-        None, description="of means: column of settings; otherwise each axis is one"
+        None, description="for means: column of settings; without it each axis is one setting"
     )
     roll: str | int | None = Field(
-        None, description="of means: column of a pose's roll", examples=["roll"]
+        None, description="for means: column of a pose's roll", examples=["roll"]
     )
     pitch: str | int | None = Field(
-        None, description="of means: column of a pose's pitch", examples=["pitch"]
+        None, description="for means: column of a pose's pitch", examples=["pitch"]
     )
     angle_unit: str = Field("°", description="unit of roll, pitch and turn", examples=["rad"])
 
     sections: tuple[str, ...] | None = Field(
         None,
-        description="of a recording: its sections in their order, in place of the plan's",
+        description="for a recording: its sections in order, in place of the plan",
         examples=[["x rest", "x +50", "x -50"]],
     )
     settle: str | None = Field(
         None,
-        description="of a recording: time to skip at the beginning of each section",
+        description="for a recording: time to skip at the beginning of each section",
         examples=["2 s"],
     )
 

@@ -19,7 +19,7 @@ class RateTableSection(BenchSection):
     kind: Literal["rate_table"]
     radius: str = Field(examples=["250 mm ± 0.3 mm"])
     max_rate: str = Field(
-        "90 rpm", description="limit of the table's rate", json_schema_extra=PLANNING
+        "90 rpm", description="rate limit of the table", json_schema_extra=PLANNING
     )
     max_acceleration: str = Field("100 °/s²", json_schema_extra=PLANNING)
 
@@ -28,7 +28,9 @@ class RateTableData(DataSection):
     """Section [data] for a plain rate table, in which each row is a mounting at a rate."""
 
     arm_rate: str | int = Field(description="column of the table's rate", examples=["rate"])
-    arm_rate_unit: str = Field("rpm", description="its unit, or the size of one: '0.5 rev/s'")
+    arm_rate_unit: str = Field(
+        "rpm", description="unit of the rate, or its size such as '0.5 rev/s'"
+    )
     mounting: str | int = Field(
         description="column of mountings, 'XY' or 'ZY 30'", examples=["mounting"]
     )

@@ -62,9 +62,9 @@ class Turntable:
     white : float
         Standard deviation of the noise of each readback reading, rad.
     latency : Measured
-        Delay of the readback, s. A reading shows the angle at this time before.
+        Delay of the readback, s. Each reading shows the angle that the axis had this long before.
     clock : float
-        Standard deviation of the relative rate between the readback's clock and the IMU's clock.
+        Standard deviation of the relative rate error between the readback's and the IMU's clock.
     lever : tuple of three Measured
         Lever arm from the intersection of the axes to the IMU's centre, in the body frame, m.
     limits : tuple of AxisMotionLimits
@@ -151,7 +151,14 @@ class Turntable:
             *declared_parameters(self, "lean"),
             Parameter.from_measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
             *(
-                Parameter(f"square_{i}", "rad", self.square, "run", 0.0, f"{one} against {other}")
+                Parameter(
+                    f"square_{i}",
+                    "rad",
+                    self.square,
+                    "run",
+                    0.0,
+                    f"right angle between {one} and {other}",
+                )
                 for i, (one, other) in enumerate(
                     zip(self.names, self.names[1:], strict=False), start=1
                 )

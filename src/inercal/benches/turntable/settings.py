@@ -45,12 +45,12 @@ class TurntableSection(BenchSection):
     harmonics: tuple[str, ...] = ("2 ″", "1 ″")
     lever: tuple[str, str, str] = Field(("0 mm", "0 mm", "0 mm"), json_schema_extra=PLANNING)
     rate: tuple[str, ...] = Field(
-        ("30 °/s",), description="limit of all axes, or of each", json_schema_extra=PLANNING
+        ("30 °/s",), description="limit for all axes, or for each", json_schema_extra=PLANNING
     )
     acceleration: tuple[str, ...] = Field(("30 °/s²",), json_schema_extra=PLANNING)
     jerk: tuple[str, ...] = Field(
         (),
-        description="limit; without one the rate is a trapezoid",
+        description="limit; without it the rate has a trapezoidal profile",
         examples=[["100 °/s³"]],
         json_schema_extra=PLANNING,
     )
@@ -88,20 +88,20 @@ class TurntableData(DataSection):
     table_unit: str = "°"
     table_file: str | None = Field(
         None,
-        description="the file of that readback, where it is a separate file with its own clock",
+        description="file of that readback, if it is a separate file with its own clock",
         examples=["table.csv"],
     )
-    table_time: str | int | None = Field(None, description="in that file: column of time")
+    table_time: str | int | None = Field(None, description="column of time in that file")
     table_time_unit: str = "s"
     sample: Literal["instant", "mean"] = Field(
         "instant",
-        description="whether a sample is the reading at its time, or its mean over one period, as "
-        "of an IMU that integrates; for method systematic",
+        description="whether a sample is the reading at its time or the mean over one period, as "
+        "from an IMU that integrates; for method systematic",
     )
     hold: str | int | None = Field(
         None,
-        description="column of the number of each hold, negative elsewhere, that a bench host "
-        "wrote; holds are then not detected",
+        description="column with the number of each hold, negative elsewhere, as written by a "
+        "bench host; holds are then not detected",
         examples=["hold"],
     )
 
