@@ -92,7 +92,7 @@ def condition_facts(certificate: Certificate, calibration: Calibration) -> list[
 
 
 def _with_coverage(name: str, text: str) -> str:
-    """Add to a condition with ± that this is a standard uncertainty."""
+    """Add "(k = 1)" to a condition with ±, because it states a standard uncertainty."""
     return f"{text} (k = 1)" if " ± " in text and "k = " not in name + text else text
 
 

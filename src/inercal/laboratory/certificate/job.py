@@ -44,7 +44,7 @@ def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
         if (key := name.replace(" ", "_")) in JobSection.model_fields
     }
     if path is not None:
-        added = _validate(read_toml(path, "file of the order"), path)
+        added = _validate(read_toml(path, "job file"), path)
         stated |= added.model_dump(exclude_unset=True)
     return _validate({"job": stated}, "the calibration")
 

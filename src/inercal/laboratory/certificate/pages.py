@@ -265,7 +265,7 @@ def _signature(certificate: Certificate, signed: bool) -> dict[str, Any]:
 
 
 def _printable(data: Any) -> Any:
-    """Return the data with control characters removed from texts and long words split."""
+    """Return the data with printable texts: no control characters, and breaks in long words."""
     if isinstance(data, str):
         return _LONG_WORD.sub(lambda word: word[0] + "\u200b", visible_text(data, keep="\n"))
     if isinstance(data, dict):

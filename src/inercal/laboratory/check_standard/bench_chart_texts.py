@@ -88,7 +88,7 @@ def bench_charts_object(found: BenchCharts) -> dict[str, Any]:
 
 
 def newest_statistics(found: BenchCharts) -> list[tuple[str, ...]]:
-    """Return the newest |z| and |EWMA| or CUSUM of each parameter, with their limits."""
+    """Return the z and EWMA or CUSUM of largest size for each parameter, with their limits."""
     rows: list[tuple[str, ...]] = []
     for one in found.charts:
         later = slice(one.reference_days, None)

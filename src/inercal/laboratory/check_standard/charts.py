@@ -295,10 +295,10 @@ def _degrees_of_freedom(fit: SessionFit, days: int) -> Array:
 
 
 def _widening(fit: SessionFit) -> Array:
-    """Return the ratio, (p,), by which a coefficient scatters more than similar ones.
+    """Return the factor, (p,), by which each coefficient scatters more than similar ones.
 
-    It is unknown if several sessions are from the same day. Coefficients that a mounting changes
-    are not similar.
+    It is 1 if several sessions are from the same day, because it is not known then. It is also 1
+    for coefficients that a mounting changes, because these do not scatter alike.
     """
     p = len(fit.unit)
     if not fit.has_other_days:

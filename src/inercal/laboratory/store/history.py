@@ -289,7 +289,7 @@ def _common_terms(entries: Sequence[CalibrationEntry]) -> Calibration:
 
 
 def _can_have(entry: CalibrationEntry, terms: Calibration) -> bool:
-    """Return whether a calibration in another frame than "mount" can be converted to these."""
+    """Return whether a calibration that is not in "mount" can be converted to these terms."""
     if entry.calibration.frame == "mount":
         return False
     try:

@@ -135,7 +135,7 @@ class NoiseTrend:
 
     @property
     def changed(self) -> bool:
-        """Whether the newest value differs from the previous one, or is now only an upper limit."""
+        """Whether the newest value differs significantly from the previous one (E_n > 1)."""
         last = self.normalised_errors[-1]
         return last is not None and last > 1
 

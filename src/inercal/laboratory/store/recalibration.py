@@ -241,7 +241,7 @@ def recalibration(
 def coefficient_limits(
     history: SensorHistory, stated: Mapping[str, str]
 ) -> dict[str, CoefficientLimit]:
-    """Return the stated limits by full name, or else the tolerances of the newest calibration."""
+    """Return the tolerances of the newest calibration by full name, or the stated limits."""
     newest = history.entries[-1].calibration
     is_turned = history.calibrations[-1].frame != newest.frame  # the limits apply to its own frame
     found = {
@@ -333,7 +333,7 @@ def _interval(
 def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> CoefficientTrend | None:
     """Return a trend over years of operation; None if fewer than three are known.
 
-    It includes the newest calibrations as far back as all state increasing operating hours.
+    It uses the newest calibrations that all state operating hours, which must not decrease.
     """
     count = next((k for k, one in enumerate(reversed(hours)) if one is None), len(hours))
     count = min(count, len(trend.shared))

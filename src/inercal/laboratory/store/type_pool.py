@@ -126,9 +126,9 @@ class TypePool:
 def type_pool(
     register: "Register", own: SensorHistory, like: Sequence[str] = ()
 ) -> TypePool | None:
-    """Return the pool of the sensors of a type; None if the type is unknown or has too few.
+    """Return the pool of the sensors of a type; None if the type is unknown or the pool is empty.
 
-    There are too few if no sensor has two calibrations.
+    The pool is empty if no sensor has two calibrations.
 
     Parameters
     ----------
