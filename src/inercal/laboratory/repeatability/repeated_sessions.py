@@ -1,4 +1,4 @@
-"""Combine the sessions of a sensor to statements about the mean and the next use, with U.
+"""Combine the sessions of a sensor into statements, with U, about its mean and next use.
 
 The scatter of the sessions is estimated first (`effects`). V is the covariance of all sessions from
 their own covariances and the scatter, and W = V⁻¹. The mean is θ̂ = A⁻¹ XᵀWy with A = XᵀWX. There
