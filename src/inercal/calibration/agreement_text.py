@@ -35,9 +35,13 @@ def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
         if any(group.spread.excess for group in estimate.groups):
             return "the residuals are large, but chance can explain them"
         tested = all(group.dof > 0 for group in estimate.groups)
-        return f"{what} with their noise" if tested else "what can be tested agrees with its noise"
+        return (
+            f"{what} with their noise"
+            if tested
+            else "all testable residuals agree with their noise"
+        )
     if not estimate.dof:
-        return f"{what} with the stated noise and bench by the tests that were made"
+        return f"{what} with the stated noise and bench according to the tests that were made"
     numbers = f"χ² = {chi2_text(float(estimate.chi2))} with {estimate.dof} degrees of freedom"
     if estimate.consistent:
         return f"{what} with the stated noise and bench ({numbers})"
@@ -69,7 +73,7 @@ def agreement_lines(
         if not estimate.consistent and assessment.rejects:
             clause = f"the residuals are larger than the stated noise and bench allow ({numbers})"
     elif not (assessment.tests or estimate.score_tests.scores):
-        clause = "this estimator makes no test of how well the data agree"
+        clause = "this estimator does not test how well the data agree with the model"
     elif estimate.groups and assessment.rejects:
         clause = "the residuals are larger than their noise"
     if assessment.rejects and not assessment.tests:

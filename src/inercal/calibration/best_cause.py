@@ -104,7 +104,7 @@ class OutlierRow:
 def familywise_p_value(
     score_tests: ScoreTestSet, score: ScoreTest, p_value: float | None = None
 ) -> float:
-    """Return the p-value of a score, adjusted for the number of tests of its estimate."""
+    """Return the p-value of a score, or the given `p_value`, adjusted for the number of tests."""
     return min(1.0, score_tests.adjusted(score, p_value) / SCORE_TEST_SHARE)
 
 

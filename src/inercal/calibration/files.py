@@ -189,8 +189,8 @@ def parse(text: str, source: str) -> Calibration:
         ) from None
     if not proven:
         raise InputError(
-            f"{source}: changed since it was written (its SHA-256 differs); calibrate again or "
-            "restore the file",
+            f"{source}: the file was changed since it was written (its SHA-256 differs); calibrate "
+            "again or restore the file",
             file=source,
             key="sha256",
         )

@@ -299,7 +299,7 @@ def grade_estimate(
         mild.append(f"the residuals point to {named}")
     mild += _finding_reasons(findings, "warning")
     if not assessment.tests and not estimate.score_tests.scores:
-        mild.append("this estimator makes no test of how well the data agree")
+        mild.append("this estimator does not test how well the data agree with the model")
     grade: Grade = "unreliable" if bad else "reservations" if mild else "consistent"
     noise = tuple(
         NoiseFactor(one.what, one.channel, one.factor) for one in findings if one.factor is not None

@@ -173,7 +173,7 @@ def conformity_lines(
     which = ", U of the next use" if conformity.uncertainty == "next_use" else ""
     lines = [
         f"specification: {conformity.result}; {passed} of {count} limits passed ({band}{which}); "
-        f"all conform with {probability_text(conformity.probability)}"
+        f"probability that all conform: {probability_text(conformity.probability)}"
     ]
     if verdict is not None and verdict.grade == "unreliable":
         lines[0] += "; U is doubtful because the result is not to be relied on"
@@ -182,7 +182,7 @@ def conformity_lines(
             row = limit_row(one, sensor.coefficient(one.name))
             lines.append(
                 f"{row.name}: {row.result}: {row.value} ± {row.expanded} {row.unit}, limit "
-                f"{row.limit}, conforms with {row.probability}"
+                f"{row.limit}, probability of conformity {row.probability}"
             )
     return lines
 

@@ -50,7 +50,7 @@ def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[Tempera
     InputError
         If a temperature is more than a kelvin outside the range of the calibration's data.
     """
-    require_inside(calibration.sensor, calibration.validity, kelvin, "give a temperature within")
+    require_inside(calibration.sensor, calibration.validity, kelvin, "give one in this range")
     sensor = calibration.sensor
     dT = kelvin - sensor.reference_temperature
     found: list[TemperatureCurve] = []

@@ -46,8 +46,8 @@ def require_inside(
         low, high = (t - ZERO_CELSIUS for t in validity.temperature)
         beyond = float(kelvin[outside][0]) - ZERO_CELSIUS
         raise InputError(
-            f"{beyond:.2f} °C is beyond the temperatures of the calibration, {low:.2f} to "
-            f"{high:.2f} °C: a polynomial is unknown there; {remedy}",
+            f"{beyond:.2f} °C is outside the temperatures of the calibration, {low:.2f} to "
+            f"{high:.2f} °C, where its polynomials are valid; {remedy}",
             key=key,
         )
 
@@ -75,7 +75,7 @@ def require_usable(
     """
     kelvin = np.atleast_1d(sensor.reference_temperature + np.asarray(dT, dtype=float))
     if not extrapolate:
-        remedy = "give temperatures within, or ask for it by extrapolate=True"
+        remedy = "give temperatures in this range, or pass extrapolate=True"
         require_inside(sensor, validity, kelvin, remedy, key="dT")
     flat = kelvin.reshape(-1)
     known = None if validity is None else validity.temperature

@@ -350,8 +350,8 @@ def _possible_causes(
         free = " ".join(error.directions).split()
         if set(temperature_coefficients(sensor)) & set(free):
             low, high = float(t.min()) - ZERO_CELSIUS, float(t.max()) - ZERO_CELSIUS
-            rows = f"the rows are at {low:.2f} to {high:.2f} °C: coefficients of temperature need"
-            causes.insert(0, f"{rows} rows at temperatures that differ by more")
+            rows = f"the rows are at {low:.2f} to {high:.2f} °C, but temperature coefficients need"
+            causes.insert(0, f"{rows} rows over a wider range of temperatures")
     return "".join(f"; {cause}" for cause in causes)
 
 

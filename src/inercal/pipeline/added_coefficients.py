@@ -8,7 +8,7 @@ together. The score tests share that level among all candidates, so a correct mo
 less than 1 % of runs.
 
 At most `MOST_ADDITIONS` groups are added, and at most half of the degrees of freedom are used.
-Coefficients of temperature are left to [method] temperature_order.
+Temperature coefficients are never added; [method] temperature_order chooses them.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -217,8 +217,8 @@ def bench_estimates(
     Returns
     -------
     tuple of BenchEstimate
-        Estimates, except for parameters that the data determine with less than a third of the
-        stated knowledge, and for parameters whose stated values are correlated.
+        Estimates, except for parameters for which the data give more than about three times the
+        stated uncertainty, and for parameters whose stated values are correlated.
     """
     known = {
         name: (k, expected[name])

@@ -54,7 +54,7 @@ def steps_of_soaks(steps: Sequence[Any], environment: Environment) -> list[Any]:
 
 
 def require_profile(environment: Environment) -> ChamberProfile:
-    """Return the chamber profile, and refuse one without a course of temperatures.
+    """Return the chamber profile, and refuse one without temperatures or a rate of change.
 
     Raises
     ------

@@ -43,9 +43,9 @@ def _require_same_corrections(calibration: Calibration, recording: Recording, ru
     if recording.kept_corrections == made_from:
         return
     raise InputError(
-        f"{run.path}: the readings of {recording.source} contain these corrections: "
-        f"{recording.kept_corrections or 'none'}, but the calibration is for readings with: "
-        f"{made_from or 'none'}. A correction would be applied twice or not at all; state "
+        f"{run.path}: the corrections in the readings of {recording.source} "
+        f"({recording.kept_corrections or 'none'}) differ from those in the readings of the "
+        f"calibration ({made_from or 'none'}), so one would be applied twice or not at all; state "
         "[data] corrections as in the run of the calibration",
         file=run.path,
         key="[data] corrections",

@@ -10,11 +10,11 @@ For a table of means the noise is only known from statements, and the residuals 
 right (`inercal.estimation.noise_scale`). The residuals also show if noise and bench together were
 stated too large. This is only a remark, because a bench may be better than one can state.
 
-Noise that was stated too large is reported from a factor of 1.3 if chance does not explain it. It
-is a warning if the uncertainties depend on it: for a table of means, and for a method that weights
-its readings by the stated noise, if the residuals are also too small. If the uncertainties depend
-on the noise in the recording, it is a remark below a factor of 2; above, unit or scale are
-doubtful.
+Noise that was stated too large is reported if the factor is at least 1.3 and chance does not
+explain it. The report is a warning if the uncertainties depend on the stated noise: for a table of
+means, and for a method that weights its readings by the stated noise, if the residuals are also too
+small. If the uncertainties depend on the noise in the recording, the report is only a remark for a
+factor below 2. A larger factor makes unit or scale doubtful.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false

@@ -316,7 +316,7 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
         raise key_error(
             "[data] temperature",
             f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
-            f"coefficients of temperature need {LEAST_SPAN:g} K or more",
+            f"temperature coefficients need {LEAST_SPAN:g} K or more",
         )
 
 

@@ -13,7 +13,7 @@ and due to shared errors are stated separately::
     U² of x β          = t_ν² x cov_A xᵀ + 4 x cov_B xᵀ
     U² of the next use = t_ν² (τ² + x cov_A xᵀ) + 4 x cov_B xᵀ
 
-Errors that all calibrations share move the level, but not the slope. Level, line and walk are
+Errors that all calibrations share shift the level, but not the slope. Level, line and walk are
 compared by the likelihood of the same contrasts, which are the deviations of the values from their
 mean. Line and walk have one parameter more than the level.
 

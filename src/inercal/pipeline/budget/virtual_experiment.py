@@ -83,7 +83,7 @@ class Experiment:
         variance = np.diagonal(self.noise, axis1=-2, axis2=-1)
         if not (np.isfinite(self.noise).all() and (variance > 0).all()):
             raise InputError(
-                "a budget needs noise of the readings that is finite and positive", key="noise"
+                "the noise of the readings must be finite and positive in a budget", key="noise"
             )
 
     @cached_property

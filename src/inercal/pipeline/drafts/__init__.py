@@ -273,7 +273,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
 
 
 def _read(log: Path, values: Mapping[str, Any]) -> Table:
-    """Read a table; columns that begin with numbers or empty cells but contain text are text."""
+    """Read a table; a column that contains text is text even if it begins with numbers."""
     stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
     options = {key: value for key, value in stated.items() if value is not None}
     text: list[str] = []

@@ -48,7 +48,7 @@ def clock_keys(
     if roles.means:
         return None, ()
     name = roles.single.get("time")
-    ask = 'the rate of the samples, such as "100 Hz"'
+    ask = 'the sampling rate, such as "100 Hz"'
     count = next(iter(table.columns.values())).size
     rate = stated.get("data.rate")
     hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
@@ -182,7 +182,7 @@ def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
     entries.append(DraftKey("bench", "gravity", _ANYWHERE, reason))
     if bench in ("centrifuge", "rate_table"):
         text = UNKNOWN if radius is None else format_quantity(radius, 0.02 * radius, "m")
-        reason = "estimated from the norms and the rates: replace it by your measured value"
+        reason = "estimated from the norms and the rates: replace it with your measured value"
         ask = 'the radius of the arm with its uncertainty, such as "1 m ± 0.1 mm"'
         entries.append(DraftKey("bench", "radius", text, reason, ask))
     return tuple(entries)
@@ -221,7 +221,7 @@ def data_keys(
 
     entries = [DraftKey("data", "file", file(logs[0]))]
     if roles.means:
-        entries.append(DraftKey("data", "kind", "means", "few rows, and no column of times"))
+        entries.append(DraftKey("data", "kind", "means", "there are few rows and no time column"))
     if len(logs) > 1:
         entries.append(DraftKey("data", "gyro_file", file(logs[1])))
     for kind, columns in roles.triads.items():
@@ -271,7 +271,7 @@ def _thermometer_keys(
         )
     if kelvin:
         return (DraftKey("data", "temperature_unit", "K", reads),)
-    ask = f"the unit of the thermometer, LSB of raw counts ({reads}, which cannot be °C)"
+    ask = f"the unit of the thermometer, LSB for raw counts ({reads}, which cannot be °C)"
     return (DraftKey("data", "temperature_unit", UNKNOWN, "", ask),)
 
 

@@ -264,7 +264,7 @@ def guess_gyro(
         )
     size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)
     turned = format_count(count, "turn between rests agrees", "turns between rests agree")
-    reason = f"{turned} with gravity to {np.degrees(misfit):.1f}°"
+    reason = f"{turned} with gravity within {np.degrees(misfit):.1f}°"
     if size is None and len(turns) >= _FEWEST_TURNS:
         swept = [_norm_of_sum(gyro[a:b] - np.median(rests.rate, axis=0)) for a, b in turns]
         size = 2 * np.pi / float(np.median(swept))
@@ -280,10 +280,10 @@ def guess_gyro(
             )
             return GuessedReadout(unit, "", 0.0, _GYRO_UNITS[unit], text, rate_hz=rates[unit])
     if size is None or dt is None:
-        known_with = "with the rate, --set data.rate, inercal init finds it"
+        known_with = "inercal init finds it if you state the rate with --set data.rate"
         unknown = known_with if size is not None else "no turn between rests determines it"
         if size is None and whole:
-            unknown += "; of raw counts LSB, with sensor.gyro.scale such as 131 LSB/(°/s)"
+            unknown += "; for raw counts use LSB and a sensor.gyro.scale such as 131 LSB/(°/s)"
         return GuessedReadout("°/s", "", offset, np.pi / 180, unknown, False)
     size /= dt
     for unit, si in _GYRO_UNITS.items():

@@ -195,7 +195,7 @@ def _readout(
         counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
         raise InputError(
             f'{log}: the unit of the {kind}s is unknown: state it with --set "{key}.unit='
-            f'{example}", or of counts --set "{key}.scale={counts}"',
+            f'{example}", or for counts with --set "{key}.scale={counts}"',
             file=log,
             key=f"{key}.unit",
         )

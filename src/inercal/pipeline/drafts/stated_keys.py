@@ -259,7 +259,9 @@ def default_bench_keys(content: Mapping[str, Any], method_name: str) -> tuple[Dr
         if _acts(value):
             meaning = meanings.get(key, info.description or "")
             words = f"{meaning}: " if meaning else ""
-            found.append(DraftKey("bench", key, value, f"{words}the default; state your own"))
+            found.append(
+                DraftKey("bench", key, value, f"{words}this is the default; state your own value")
+            )
     return tuple(found)
 
 
