@@ -103,7 +103,7 @@ def test_many_groups_with_huge_scatter_leave_six_short_lines():
     )
     require_short(said)
     assert said.grade == "unreliable"
-    assert sum("A scatter of 310 m/s² is added" in line for line in said.statements) == 8
+    assert sum("an additional scatter of 310 m/s²" in line for line in said.statements) == 8
 
 
 def test_huge_uncertainties_of_all_coefficients_are_one_short_line_and_many_explained():

@@ -18,7 +18,7 @@ EFFECTS = {
     "step": "step of the accelerometers between two positions",
     "before": "hysteresis of the accelerometers",
     "sense": "hysteresis of the accelerometers",
-    "vibration": "vibration that the accelerometers rectify to a constant",
+    "vibration": "vibration rectification of the accelerometers",
 }
 
 

@@ -69,8 +69,8 @@ def test_the_printed_table_does_not_pass_quietly(data_dir: Path, tmp_path: Path)
     for position, rpm, axis in LOST:
         (line,) = (t for t in told if t.startswith(f"{position} at {rpm * 3.14159265:.0f}")
                    or t.startswith(f"{position} at {rpm} rpm"))  # fmt: skip
-        assert f"sign of {axis}: " in line
-        assert line.endswith("repairs it")
+        assert f"the sign of {axis} (" in line
+        assert line.endswith("would correct it")
     assert all(line in outcome.calibration.notes for line in told)
 
 

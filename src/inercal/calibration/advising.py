@@ -66,7 +66,7 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.kind == "row":
-        return f"look at the readings of {cause.name}, and repeat this {row_word}"
+        return f"look at the readings of “{cause.name}”, and repeat this {row_word}"
     if cause.name.startswith(CHANGE_PREFIX):
         return f"check whether the sensor was touched; repeat this {row_word} or remove it"
     return "let the sensor settle before the run, or repeat the first positions at the end"

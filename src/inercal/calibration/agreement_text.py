@@ -75,7 +75,7 @@ def agreement_lines(
     elif not (assessment.tests or estimate.score_tests.scores):
         clause = "this estimator does not test how well the data agree with the model"
     elif estimate.groups and assessment.rejects:
-        clause = "the residuals are larger than their noise"
+        clause = "the residuals are larger than the noise explains"
     if assessment.rejects and not assessment.tests:
         clause = "the residuals do not agree with the stated noise and bench"
     yield f"{clause[0].upper()}{clause[1:]}."
@@ -86,7 +86,7 @@ def agreement_lines(
         text += f"degrees of freedom, p {p_value_text(group.p_value)}."
         if group.spread.excess:
             scatter = f"{two_digits(float(group.spread.excess))} {group.unit}"
-            text += f" A scatter of {scatter} is added to their noise and so to all uncertainties."
+            text += f" All uncertainties include an additional scatter of {scatter}."
         if group.spread.share < 1:
             percent = two_digits(100 * float(group.spread.share))
             text += " Hand tremor averages out during a rest, so only "
@@ -152,8 +152,8 @@ def _outlier_row_lines(assessment: Assessment, row_word: str) -> Iterator[str]:
     )
     yield (
         f"The {row_word} that agrees least with the others is {row.name}{alike}: χ² of its "
-        f"readings is {row.chi2:.1f} with {row.dof} degrees of freedom, p "
-        f"{p_value_text(row.adjusted)} among all."
+        f"readings is {row.chi2:.1f} with {row.dof} degrees of freedom (p "
+        f"{p_value_text(row.adjusted)}, corrected for the number of rows)."
     )
 
 

@@ -10,8 +10,8 @@ CAUSE = "What explains the residuals"
 NEXT_STEPS = "What to do next"
 UNCERTAINTIES = "Largest expanded uncertainties (k = 2)"
 UNDETECTABLE = (
-    "Not detectable from these data and not included in U (the size would shift a coefficient by "
-    "5 u)"
+    "Not detectable from these data and not included in U (an effect of the size shown would shift "
+    "a coefficient by 5 u)"
 )
 REMARKS = "Remarks on the method and the data"
 CHECKS = "Warnings of the checks"

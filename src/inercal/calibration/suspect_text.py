@@ -135,7 +135,8 @@ def suspect_lines(
         if np.isfinite(size) and one.kind != "row" and not name.startswith(_PRIOR_PREFIX)
     ]
     lines = [
-        f"{first} would explain the residuals (p {p_value_text(one.adjusted)} among all causes)."
+        f"{first} would explain the residuals (p {p_value_text(one.adjusted)}, corrected for the "
+        "number of causes tested)."
     ]
     if one.kind == "bench":
         lines.append(_stated_text(one, expected))

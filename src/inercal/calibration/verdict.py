@@ -116,7 +116,7 @@ class _Uncertainty(NamedTuple):
     source: str = ""
 
     def __str__(self) -> str:
-        return f"{self.size} {self.unit}{self.source and f' (from {self.source})'}"
+        return f"{self.size} {self.unit}{self.source and f' (mostly {self.source})'}"
 
 
 def verdict(
@@ -268,7 +268,7 @@ def _steps_on_cause(
         text = f"{again}{_changes_words(advice)}" if advice.changes else advice.action
         yield _Step(f"{_sentence(text)}{'' if advice.changes else '.'}", advice)
     elif row is not None and row.adjusted < SIGNIFICANCE_LEVEL:
-        yield _Step(f"Look at the readings of {row.name}, and repeat this {row_word}.")
+        yield _Step(f"Look at the readings of “{row.name}”, and repeat this {row_word}.")
     for test in assessment.rejecting_tests:
         if test.name.startswith(CHANGE_PREFIX):
             where = test.name.removeprefix(CHANGE_PREFIX)
@@ -284,7 +284,8 @@ def _steps_on_undetectable(
     """Yield a step that estimates the undetectable coefficients, if the method can."""
     free = [one.name for one in unseen if one.component in possible]
     if free and (advice := advisor.on_coefficients(free)):
-        text = f"Some of the undetectable effects can be estimated: {_changes_words(advice)}"
+        changes = _changes_words(advice)
+        text = f"Some of the effects that are not detectable can be estimated: {changes}"
         yield _Step(text, advice, needed=False)
 
 
@@ -393,7 +394,7 @@ def _main_sources(
     for name, parameter in expected.items():
         slope = estimate.sensitivity(name, parameter.sd) if parameter.sd > 0 else None
         if slope is not None:
-            word = parameter.meaning or ErrorName(name).name
+            word = parameter.meaning.partition(",")[0] or ErrorName(name).name
             share = np.square(slope[list(rows)] * parameter.sd) / variances
             shares[word] = shares.get(word, 0.0) + share
     return [

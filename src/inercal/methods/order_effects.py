@@ -99,7 +99,7 @@ def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:
             name = f"step of the {kind} between two positions"
             yield _Pattern(name, _REPEATED, axis.name, np.where(later > j, 1.0, 0.0))
         yield _Pattern(
-            f"vibration that the {kind} rectify to a constant",
+            f"vibration rectification of the {kind}",
             _STILL,
             axis.name,
             np.ones(len(steps)),

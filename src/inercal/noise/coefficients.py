@@ -216,7 +216,7 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
         more = ", ".join(f"{one.aic - fit.aic:.1f}" for one in rivals)
         found.append(
             f"{names} would describe the recording about as well as {' + '.join(fit.symbols)} "
-            f"(their AIC is higher by {more})"
+            f"(AIC higher by {more})"
         )
     if hidden := hidden_terms(selection, seconds):
         found.append(

@@ -109,18 +109,18 @@ class Goodness:
         """One sentence that says whether the terms describe the recording, and if not, where."""
         worst = self.worst
         if worst is None and self.within_band:
-            return "the terms describe the recording"
+            return "the model describes the recording"
         if worst is None:
             return (
                 f"at {self.outside} of {self.judged} averaging times the measured Allan deviation "
-                "is outside the range that the terms predict"
+                "is outside the range that the model predicts"
             )
         band = f"{worst.worst_low:.3g}–{worst.worst_high:.3g} Hz"
         if worst.worst_low == worst.worst_high:
             band = f"{worst.worst_low:.3g} Hz"
         return (
-            f"the terms do not describe {band}, where the power is {worst.level:.3g} times the "
-            "model's"
+            f"the model does not describe {band}, where the power is {worst.level:.3g} times as "
+            "large as predicted"
         )
 
 

@@ -51,7 +51,8 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
 
 def channel_remarks(channel: ChannelNoise) -> list[str]:
     """Return the verdict on a channel, then its remarks, drift and disturbances, one per line."""
-    found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
+    model = f"the model {' + '.join(channel.fit.symbols)}"
+    found = [channel.goodness.verdict.replace("the model", model)]
     found += [allan_minimum_text(channel), *filter_remarks(channel)]
     if (band := channel.goodness.worst_band) is not None:
         found.append("--skip-band {:.3g}-{:.3g} would exclude this band from the fit".format(*band))

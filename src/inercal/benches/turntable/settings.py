@@ -91,7 +91,7 @@ class TurntableData(DataSection):
         description="file of that readback, if it is a separate file with its own clock",
         examples=["table.csv"],
     )
-    table_time: str | int | None = Field(None, description="column of time in that file")
+    table_time: str | int | None = Field(None, description="time column in that file")
     table_time_unit: str = "s"
     sample: Literal["instant", "mean"] = Field(
         "instant",

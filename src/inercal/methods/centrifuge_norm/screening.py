@@ -67,10 +67,10 @@ class Repair:
     after: dict[str, float]
 
     def describe(self) -> str:
-        """Return a description such as "sign of az: 0.743943 → −0.743943"."""
+        """Return a description such as "the sign of az (0.743943 → −0.743943)"."""
         names = " and ".join(self.before)
         pairs = [f"{self.before[a]:.9g} → {self.after[a]:.9g}" for a in self.before]
-        return f"{_REPAIR_WORDS[self.kind]} {names}: {', '.join(pairs)}".replace("-", "−")
+        return f"the {_REPAIR_WORDS[self.kind]} {names} ({', '.join(pairs)})".replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,12 @@ class SuspectRow:
         """Return a description of the row, the error of its norm, and the repairs."""
         text = f"{self.label}: norm off by {abs(self.residual):.3g} m/s²"
         if not self.repairs:
-            return f"{text}; no single change repairs it"
+            return f"{text}; no single change corrects it"
         if len(self.repairs) > _MAX_LISTED_REPAIRS:
             kind = _REPAIR_WORDS[self.repairs[0].kind].removesuffix(" of")
-            return f"{text}; {len(self.repairs)} changes of a single {kind} repair it"
-        return f"{text}; {' or '.join(repair.describe() for repair in self.repairs)} repairs it"
+            return f"{text}; {len(self.repairs)} changes of a single {kind} would correct it"
+        repairs = " or ".join(repair.describe() for repair in self.repairs)
+        return f"{text}; changing {repairs} would correct it"
 
 
 def screen_rows(
@@ -138,7 +139,7 @@ def screen_rows(
         raise InputError(
             f"{len(bad)} of {len(steps)} rows are outliers, and the norms of the others "
             f"scatter {noise:.3g} times as much as stated; check the rates, the radius and the "
-            "nominal scale before you check single rows",
+            "nominal scale before you check individual rows",
             names=tuple(observations.labels[k] for k in bad),
         )
 

@@ -248,7 +248,7 @@ def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
 
 
 def refuse_sheet_error(line: str, delimiter: str | None, number: int, source: str) -> None:
-    """Refuse a line with an error value of a spreadsheet, such as "#DIV/0!".
+    """Refuse a line with a spreadsheet error, such as "#DIV/0!".
 
     The # would otherwise begin a comment.
 
@@ -260,7 +260,7 @@ def refuse_sheet_error(line: str, delimiter: str | None, number: int, source: st
     for k, cell in enumerate(split_cells(line.strip(), delimiter), 1):
         if _SHEET_ERROR.fullmatch(cell):
             raise InputError(
-                f"{source} line {number}, column {k}: {cell!r} is an error value of a spreadsheet; "
+                f"{source} line {number}, column {k}: {cell!r} is a spreadsheet error; "
                 "correct its formula, or remove the line",
                 line=number,
             )
