@@ -17,6 +17,14 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
     return [one for one in collectors if not isinstance(one, DoctestModule)]
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile each kernel in one of the processes that run tests side by side."""
+    if hasattr(config, "workerinput"):
+        from tests.shared_compilation import compile_each_kernel_once
+
+        compile_each_kernel_once(config.rootpath / ".pytest_cache" / "kernels")
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Folder of real recordings, which are not part of the project."""

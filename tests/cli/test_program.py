@@ -139,13 +139,13 @@ def test_a_mistake_is_one_line_on_standard_error_and_status_2(
 
 def test_simulate_and_calibrate_work_one_after_the_other(tmp_path: Path):
     path = run_file(tmp_path, SIX_POSITIONS)
-    simulated = inercal("simulate", path, "--seed", "4", "--json")
-    assert (simulated.returncode, simulated.stderr) == (0, "")
-    assert json.loads(simulated.stdout)["recording"] == str(tmp_path / "log.csv")
-    done = inercal("calibrate", path, "--out", tmp_path, "--no-report")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "ax.k0" in done.stdout
-    assert "the data agree with the stated noise and bench" in " ".join(done.stdout.split())
+    simulated = run_program("simulate", path, "--seed", "4", "--json")
+    assert (simulated.status, simulated.error) == (0, "")
+    assert json.loads(simulated.output)["recording"] == str(tmp_path / "log.csv")
+    done = run_program("calibrate", path, "--out", tmp_path, "--no-report")
+    assert (done.status, done.error) == (0, "")
+    assert "ax.k0" in done.output
+    assert "the data agree with the stated noise and bench" in " ".join(done.output.split())
     assert (tmp_path / "run.calibration.json").is_file()
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from tests.host.in_process_bench import ADDRESSES, InProcessBench
-from tests.host.simulated_runs import INERCAL, made
+from tests.host.simulated_runs import INERCAL
 from tests.host.synthetic_log import LAYOUT
 from tests.host.test_bench_kills import WATCHDOG, seconds_to_rest
 
@@ -157,7 +157,8 @@ def test_a_killed_run_repeats_its_state_and_asks_for_no_mounting_again(
             raise Killed
 
     assert drive(folder, bench, act=kill_in_the_next_mounting) == ["YX"]
-    left = made(folder)
+    left, journal = reopen_run(folder)
+    journal.close()
     file: Any
     with h5py.File(write_recording(left.run, LAYOUT, left.log, left.path)) as file:
         label, rpm = file["mounting"].asstr()[:], file["rpm"][:]

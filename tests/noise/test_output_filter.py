@@ -181,8 +181,8 @@ def test_nothing_is_written_of_a_refused_channel(tmp_path: Path):
     table = np.column_stack([truth.dt * np.arange(y.size), y, y, y])
     np.savetxt(log, table, "%.9g", ",", header="time,gx,gy,gz", comments="")
     options = ("--set", "sensor.gyro.unit=°/s", "--out", tmp_path)
-    for extra in (("--write", target), ("--to", "kalibr"), ("--register", tmp_path / "r.db",
-                                                             "--sensor", "imu")):  # fmt: skip
+    register = ("--register", tmp_path / "r.db", "--sensor", "imu")
+    for extra in (("--write", target, "--to", "kalibr"), register):
         done = run_program("noise", log, *options, *extra)
         assert done.status == 2
         assert len(done.error.splitlines()) == 1
